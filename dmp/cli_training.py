@@ -1,0 +1,193 @@
+"""Training from the command line: progress, interruption, and which step is saved."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from dmp.errors import RunError, SettingsError
+from dmp.files import atomic_write_bytes
+from dmp.meshio import write_mesh
+from dmp.reporting import run_report
+from dmp.runs import Run, record
+from dmp.settings import Settings
+from dmp.snapshot import StepRecord
+
+_EXIT_DONE, _EXIT_INTERRUPTED = 0, 130
+
+
+def check_keep(keep: str, settings: Settings, *, has_truth: bool, last_step: int | None = None) -> None:
+    """Refuse a ``--keep`` that could not be followed after the training (raises :class:`SettingsError`)."""
+    if keep in ("auto", "last"):
+        return
+    if keep == "best":
+        if not has_truth:
+            raise SettingsError("--keep best needs --ground-truth to judge by. Use --keep auto without one.")
+        return
+    if not keep.isdecimal():
+        raise SettingsError(f"--keep is '{keep}', but must be auto, last, best or a step.")
+    step, last = int(keep), last_step or settings.steps
+    if step > last:
+        raise SettingsError(f"--keep {step} lies beyond the last step, {last}.")
+    if step % settings.snapshot_every and step != last:
+        raise SettingsError(
+            f"--keep {step}: meshes are kept every {settings.snapshot_every} steps. "
+            f"Choose a multiple of that, or set --snapshot-every."
+        )
+
+
+def choose_step(run: Run, wanted: str) -> int:
+    """Return the step that ``wanted`` (auto, suggested, kept, last, best or a number) stands for.
+
+    Raises:
+        RunError: when the run has no such step.
+    """
+    steps = run.snapshot_steps()
+    if not steps:
+        raise RunError(f"The run in {run.folder} has no snapshots yet.")
+    if wanted in ("auto", "suggested"):
+        return run.suggested_step() or steps[-1]
+    if wanted == "last":
+        return steps[-1]
+    if wanted == "kept":
+        if run.kept_step is None:
+            raise RunError(f"No step was marked to be kept in {run.folder}. Name one with --step.")
+        return run.kept_step
+    if wanted == "best":
+        measured = [row for row in run.curve() if "mad" in row and row["step"] in steps]
+        if not measured:
+            raise RunError(f"The run in {run.folder} had no ground truth to judge by.")
+        return int(min(measured, key=lambda row: row["mad"])["step"])
+    if wanted.isdecimal() and int(wanted) in steps:
+        return int(wanted)
+    nearest = min(steps, key=lambda step: abs(step - int(wanted))) if wanted.isdecimal() else steps[-1]
+    raise RunError(f"'{wanted}' is not a kept step of {run.folder}. The nearest is {nearest}; or use kept, suggested or last.")
+
+
+def train_into(run: Run, *, steps: int | None = None, quiet: bool = False, verbose: bool = False) -> bool:
+    """Train a run until its last step or an interruption, showing progress on stderr.
+
+    Returns:
+        Whether the last step was reached.
+    """
+    training = run.resume(steps)
+    console = Console(stderr=True, highlight=False, quiet=quiet, soft_wrap=True)
+    problem = run.problem()
+    if verbose:
+        console.print(f"Run folder: {run.folder}", markup=False)
+        console.print(
+            f"{problem.mesh.n_vertices} vertices, {problem.mesh.n_faces} faces, {training.n_parameters} parameters, "
+            f"{training.device}, {training.threads} threads"
+        )
+    if problem.ground_truth is not None:
+        console.print(f"Input: {_measures(problem.ground_truth.measures(problem.target))}")
+    shown_warnings = 0
+    with _interruption() as interrupted:
+        records = record(training, run)
+        try:
+            for item in _with_progress(records, training.step, run.settings.steps, console):
+                for warning in run.warnings[shown_warnings:]:
+                    console.print(f"Warning: {warning}", markup=False)
+                shown_warnings = len(run.warnings)
+                if verbose and item.metrics:
+                    console.print(f"step {item.step}: " + ", ".join(f"{k} {v:.4g}" for k, v in item.metrics.items()))
+                if interrupted:
+                    break
+        finally:
+            records.close()  # type: ignore[attr-defined]
+    return training.step >= run.settings.steps
+
+
+def save_result(run: Run, finished: bool, *, keep: str, output: Path | None, report: Path | None, quiet: bool) -> int:
+    """Save the chosen step and the report of a finished training, or tell how to go on with an interrupted one."""
+    console = Console(stderr=True, highlight=False, quiet=quiet, soft_wrap=True)
+    if not finished:
+        console.print(
+            f"Stopped at step {run.last_step}. Go on with 'dmp resume {run.folder}', or save what there is with "
+            f"'dmp export {run.folder} -o FILE'.",
+            markup=False,
+        )
+        return _EXIT_INTERRUPTED
+    step = choose_step(run, keep)
+    suggestion = run.suggestion()
+    if keep != "auto":
+        run.keep(step)
+    if report is not None:
+        content = json.dumps(run_report(run, step), indent=2).encode()
+        try:
+            atomic_write_bytes(report, content)
+        except OSError as error:
+            console.print(f"Warning: the report cannot be written to {report} ({error.strerror}).", markup=False)
+    if output is not None:
+        write_mesh(output, run.mesh_at(step))
+        reason = f" {suggestion.reason}" if suggestion and keep == "auto" else ""
+        console.print(f"Step {step} written to {output}.{reason}", markup=False)
+    metrics = run.snapshot(step).metrics
+    if "mad" in metrics:
+        console.print(f"Result: {_measures(metrics)}")
+    return _EXIT_DONE
+
+
+def _measures(values: Mapping[str, float]) -> str:
+    return f"MAD {values['mad']:.2f} degrees, vertex error {values['vertex_error']:.3f} mean edge lengths"
+
+
+@contextmanager
+def _interruption() -> Iterator[list[int]]:
+    """Collect the first SIGINT or SIGTERM in the yielded list, so that a step is never cut in the middle.
+
+    A second one ends the process in the ordinary way.
+    """
+    received: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(number)
+
+    try:
+        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    except ValueError:
+        # Not the main thread: whoever called us handles signals.
+        yield received
+        return
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _with_progress(records: Iterator[StepRecord], first: int, last: int, console: Console) -> Iterator[StepRecord]:
+    """Yield the records unchanged: with a progress bar on a terminal, with a line now and then elsewhere."""
+    if not console.is_terminal:
+        every = max(1, last // 10)
+        for item in records:
+            if item.step and (item.step % every == 0 or item.step == last):
+                console.print(f"step {item.step} of {last}, {item.seconds:.1f} s, {_headline(item)}")
+            yield item
+        return
+    columns = (
+        TextColumn("training"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn(),
+        TextColumn("{task.fields[headline]}"),
+    )  # fmt: skip
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("training", total=last, completed=first, headline="")
+        for item in records:
+            if item.metrics:
+                progress.update(task, completed=item.step, headline=_headline(item))
+            else:
+                progress.update(task, completed=item.step)
+            yield item
+
+
+def _headline(item: StepRecord) -> str:
+    names = {"total_loss": "loss", "held_out_error": "held-out error", "mad": "MAD"}
+    return ", ".join(f"{label} {item.metrics[name]:.4g}" for name, label in names.items() if name in item.metrics)

@@ -1,0 +1,46 @@
+"""Where a training computes: the device and the number of processor threads."""
+
+from __future__ import annotations
+
+import os
+
+import torch
+
+from dmp.errors import SettingsError
+
+
+def choose_device(name: str) -> torch.device:
+    """Return the device that ``name`` (auto, cpu, cuda or cuda:N) stands for.
+
+    Raises:
+        SettingsError: when a CUDA device is asked for and cannot be used.
+    """
+    if name == "auto":
+        return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    device = torch.device(name)
+    if device.type == "cuda":
+        if not torch.cuda.is_available():
+            raise SettingsError(
+                f"--device {name} needs an NVIDIA GPU and a CUDA build of torch, and none can be used here "
+                f"(torch {torch.__version__}). Use --device cpu, or install a CUDA build as the README tells."
+            )
+        if (device.index or 0) >= torch.cuda.device_count():
+            raise SettingsError(f"--device {name}: there are only {torch.cuda.device_count()} GPUs, numbered from 0.")
+    return device
+
+
+def device_description(device: torch.device) -> str:
+    """Return the device as a person would name it, such as ``cpu`` or ``cuda:0 (NVIDIA H200)``."""
+    if device.type == "cuda":
+        return f"cuda:{device.index or 0} ({torch.cuda.get_device_name(device)})"
+    return device.type
+
+
+def available_cores() -> int:
+    """Return how many processor cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
+
+
+def cores_beside_a_window() -> int:
+    """Return how many threads to train with while a window must stay alive: one core is left to it."""
+    return max(1, available_cores() - 1)

@@ -1,0 +1,139 @@
+"""What to fit: the smoothed base, the target positions, which vertices are known, and the scale of training."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dmp.errors import MeshError
+from dmp.geometry import face_areas, mean_edge_length
+from dmp.mesh import BoolArray, FloatArray, TriangleMesh, read_only
+from dmp.metrics import GroundTruth
+from dmp.settings import Settings, Task
+from dmp.smoothing import smooth
+from dmp.topology import unique_edges
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One restoration task, ready to be trained on.
+
+    Attributes:
+        task: ``"denoise"`` or ``"complete"``.
+        mesh: the input; its connectivity is that of the result. For completion the mesh with its holes filled.
+        base: smoothed positions S(y), (V, 3) float64, file units.
+        known: (V,) bool, False for vertices that hole filling inserted.
+        origin: the point that is 0 during training, (3,) float64, file units.
+        unit: the length that is 1 during training, in file units: the mean edge length of the input, or the largest
+            side of its bounding box.
+        edge_length: mean edge length of the input, file units; the unit of every reported distance.
+        ground_truth: what to compare the prediction with, or None.
+    """
+
+    task: Task
+    mesh: TriangleMesh
+    base: FloatArray
+    known: BoolArray
+    origin: FloatArray
+    unit: float
+    edge_length: float
+    ground_truth: GroundTruth | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "base", read_only(self.base, np.float64))
+        object.__setattr__(self, "known", read_only(self.known, np.bool_))
+        object.__setattr__(self, "origin", read_only(self.origin, np.float64))
+
+    @classmethod
+    def from_base(
+        cls,
+        mesh: TriangleMesh,
+        settings: Settings,
+        *,
+        base: FloatArray,
+        known: BoolArray | None = None,
+        ground_truth: TriangleMesh | None = None,
+    ) -> Problem:
+        """Set up a problem whose base is there already, choosing the scale that ``settings`` ask for.
+
+        Args:
+            mesh: the input.
+            settings: task and scaling are taken from here.
+            base: smoothed positions, (V, 3), file units.
+            known: (V,) bool; None when every vertex is.
+            ground_truth: the clean mesh, with the same connectivity.
+
+        Raises:
+            MeshError: when the ground truth does not belong to the mesh.
+        """
+        edge_length = mean_edge_length(mesh.vertices, unique_edges(mesh.faces))
+        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        return cls(
+            task=settings.task,
+            mesh=mesh,
+            base=base,
+            known=np.ones(mesh.n_vertices, dtype=bool) if known is None else known,
+            origin=(low + high) / 2,
+            unit=edge_length if settings.scaling == "edge" else float((high - low).max()),
+            edge_length=edge_length,
+            ground_truth=None if ground_truth is None else GroundTruth.for_input(ground_truth, mesh),
+        )
+
+    @property
+    def target(self) -> FloatArray:
+        """Positions of the input y, (V, 3) float64, file units."""
+        return self.mesh.vertices
+
+    def to_training_units(self, positions: FloatArray) -> FloatArray:
+        """Map positions of the file into the units of the training."""
+        return (positions - self.origin) / self.unit
+
+    def to_file_units(self, positions: FloatArray) -> FloatArray:
+        """Map positions of the training back into the units and place of the file."""
+        return np.asarray(positions, dtype=np.float64) * self.unit + self.origin
+
+
+def check_trainable(mesh: TriangleMesh) -> None:
+    """Refuse a mesh that the method cannot work on.
+
+    Raises:
+        MeshError: in one or two sentences, when there are no faces, a vertex belongs to no face, most faces have no
+            area, or the extent is zero or beyond what double precision carries.
+    """
+    if mesh.n_faces == 0:
+        raise MeshError(
+            "The mesh has no faces. A point cloud has to be turned into a triangle mesh first, for example in MeshLab."
+        )
+    if mesh.n_vertices < 4:
+        raise MeshError(f"The mesh has only {mesh.n_vertices} vertices; at least 4 are needed.")
+    used = np.zeros(mesh.n_vertices, dtype=bool)
+    used[mesh.faces.ravel()] = True
+    if not used.all():
+        raise MeshError(
+            f"{np.count_nonzero(~used)} of {mesh.n_vertices} vertices belong to no face (the first is vertex "
+            f"{int(np.flatnonzero(~used)[0])}), so they have no neighbours to learn from. Remove them first."
+        )
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    if not 1e-12 <= diagonal <= 1e12:
+        raise MeshError(f"The mesh is {diagonal:.3g} units large; sizes from 1e-12 to 1e12 can be worked with. Scale it first.")
+    flat = np.count_nonzero(face_areas(mesh.vertices, mesh.faces) <= 1e-14 * diagonal**2)
+    if flat > mesh.n_faces / 2:
+        raise MeshError(f"{flat} of {mesh.n_faces} faces have no area, so the mesh has no shape to learn.")
+
+
+def denoising(mesh: TriangleMesh, settings: Settings, ground_truth: TriangleMesh | None = None) -> Problem:
+    """Set up the denoising of ``mesh`` (paper, section 4.1): every vertex is known, the base is the smoothed input.
+
+    Args:
+        mesh: the noisy mesh.
+        settings: smoothing and scaling are taken from here.
+        ground_truth: the clean mesh, with the same connectivity; only for measuring.
+
+    Raises:
+        MeshError: when the mesh cannot be trained on or the ground truth does not belong to it.
+    """
+    check_trainable(mesh)
+    return Problem.from_base(
+        mesh, settings, base=smooth(mesh, settings.smoothing, settings.smoothing_steps), ground_truth=ground_truth
+    )

@@ -1,0 +1,163 @@
+"""Every hyper-parameter of the method in one frozen dataclass, with its unit, its default and its source.
+
+The command line and the run panel of the application are generated from this declaration. "HEAD" is the authors'
+public code (astaka-pe/DeepMeshPrior at 95c5529), "paper" is Hattori et al. 2021.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import Field, asdict, dataclass, field, fields, replace
+from typing import Any, Literal, get_args, get_type_hints
+
+from dmp.errors import SettingsError
+
+Task = Literal["denoise", "complete"]
+Preset = Literal["compact", "paper"]
+Convolution = Literal["gcn"]
+LaplacianForm = Literal["mean", "sum"]
+Scaling = Literal["edge", "box"]
+Smoothing = Literal["laplacian", "none"]
+Prediction = Literal["displacement", "position"]
+
+
+def _setting(
+    default: Any, help: str, *, minimum: float | None = None, maximum: float | None = None, advanced: bool = True
+) -> Any:
+    return field(default=default, metadata={"help": help, "minimum": minimum, "maximum": maximum, "advanced": advanced})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a training does. Field metadata holds ``help``, ``minimum``, ``maximum`` and ``advanced`` (hidden at first).
+
+    Build one with :func:`settings_for`, which applies a preset and checks the values.
+    """
+
+    task: Task = _setting("denoise", "What to do: remove noise, or fill holes.", advanced=False)
+    preset: Preset = _setting("compact", "'compact' is fast and improved, 'paper' follows the published code.", advanced=False)
+    steps: int = _setting(1000, "Training steps (optimiser updates).", minimum=1, maximum=10_000_000, advanced=False)
+    snapshot_every: int = _setting(25, "Keep the predicted mesh every so many steps.", minimum=1, advanced=False)
+    log_every: int = _setting(5, "Write losses and metrics every so many steps.", minimum=1)
+    seed: int = _setting(
+        42, "Seed of everything random: network, input, held-out vertices.", minimum=0, maximum=2**63 - 1, advanced=False
+    )
+    device: str = _setting("auto", "Where to compute: auto, cpu, cuda or cuda:N.", advanced=False)
+    threads: int = _setting(0, "Processor threads for the training; 0 chooses by itself.", minimum=0, maximum=1024)
+
+    convolution: Convolution = _setting("gcn", "Graph convolution of the network.")
+    width_divisor: int = _setting(
+        4, "The published channel widths divided by this number, never below 16 (paper: 1).", minimum=1, maximum=32
+    )
+    input_channels: int = _setting(16, "Channels of the fixed random input of each vertex (HEAD: 16).", minimum=1, maximum=1024)
+    learning_rate: float = _setting(0.01, "Step size of Adam (paper and HEAD: 0.01).", minimum=1e-8, maximum=10.0)
+    laplacian_weight: float = _setting(1.4, "Weight λ of the Laplacian term (HEAD: 1.4).", minimum=0.0, maximum=1e6)
+    laplacian_form: LaplacianForm = _setting(
+        "mean", "Laplacian term: q minus the mean of its neighbours (HEAD), or valence times q minus their sum (paper)."
+    )
+    predict: Prediction = _setting(
+        "displacement", "What the network predicts: displacements from the smoothed mesh, or positions."
+    )
+    smoothing: Smoothing = _setting("laplacian", "How the base of the displacements is made from the input.")
+    smoothing_steps: int = _setting(30, "Laplacian smoothing steps for the base (HEAD: 30).", minimum=0, maximum=100_000)
+    scaling: Scaling = _setting(
+        "edge", "Length that is 1 during training: the mean edge, or the largest side of the bounding box."
+    )
+    hold_out: float = _setting(
+        0.03, "Share of the vertices hidden from the data term; their error shows overfitting.", minimum=0.0, maximum=0.5
+    )
+    average: float = _setting(
+        0.99,
+        "Decay of the running average of the outputs that is shown as the prediction; 0 shows each output itself.",
+        minimum=0.0,
+        maximum=0.9999,
+    )
+
+
+SETTING_FIELDS: Mapping[str, Field[Any]] = {item.name: item for item in fields(Settings)}
+_TYPES = get_type_hints(Settings)
+
+# What differs from the defaults above. 'paper' keeps the published behaviour in everything: unit box, full width,
+# nothing held out, no averaging, λ and steps of HEAD.
+_PRESETS: dict[tuple[str, str], dict[str, Any]] = {
+    ("compact", "denoise"): {},
+    ("compact", "complete"): {
+        "steps": 8000, "snapshot_every": 100, "log_every": 10, "laplacian_weight": 0.2, "hold_out": 0.0,
+    },
+    ("paper", "denoise"): {
+        "steps": 5000, "snapshot_every": 50, "width_divisor": 1, "scaling": "box", "hold_out": 0.0, "average": 0.0,
+    },
+    ("paper", "complete"): {
+        "steps": 8000, "snapshot_every": 100, "log_every": 10, "width_divisor": 1, "scaling": "box", "hold_out": 0.0,
+        "average": 0.0, "laplacian_weight": 0.2,
+    },
+}  # fmt: skip
+
+
+def choices(name: str) -> tuple[str, ...]:
+    """Return the allowed texts of the setting ``name``, or an empty tuple where any value of its type is allowed."""
+    hint = _TYPES[name]
+    return get_args(hint) if hint not in (int, float, str) else ()
+
+
+def settings_for(task: str = "denoise", preset: str = "compact", **overrides: Any) -> Settings:
+    """Return the settings of a preset for a task, with single values replaced.
+
+    Values of ``None`` among the overrides mean "as the preset says", so that a command line can pass everything on.
+
+    Raises:
+        SettingsError: for an unknown name or a value outside its range.
+    """
+    if (preset, task) not in _PRESETS:
+        check("task", task)
+        check("preset", preset)
+    values = {**_PRESETS[(preset, task)], **{name: value for name, value in overrides.items() if value is not None}}
+    for name in values:
+        if name not in SETTING_FIELDS:
+            raise SettingsError(f"There is no setting '{name}'. The settings are: {', '.join(SETTING_FIELDS)}.")
+    return validated(replace(Settings(), task=task, preset=preset, **values))  # type: ignore[arg-type]
+
+
+def check(name: str, value: Any) -> Any:
+    """Return ``value`` as the type of the setting ``name``.
+
+    Raises:
+        SettingsError: when the value has another type or lies outside the allowed range.
+    """
+    shown = name.replace("_", "-")
+    allowed = choices(name)
+    if allowed:
+        if value not in allowed:
+            raise SettingsError(f"--{shown} is '{value}', but must be one of: {', '.join(allowed)}.")
+        return value
+    kind = _TYPES[name]
+    if kind is str:
+        if not isinstance(value, str):
+            raise SettingsError(f"--{shown} must be a text, not {value!r}.")
+        return value
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or (kind is int and value != int(value)):
+        raise SettingsError(f"--{shown} must be {'a whole number' if kind is int else 'a number'}, not {value!r}.")
+    if not math.isfinite(value):
+        raise SettingsError(f"--{shown} must be a finite number, not {value!r}.")
+    meta = SETTING_FIELDS[name].metadata
+    low, high = meta["minimum"], meta["maximum"]
+    if (low is not None and value < low) or (high is not None and value > high):
+        bounds = f"at least {low:g}" if high is None else f"between {low:g} and {high:g}"
+        raise SettingsError(f"--{shown} is {value:g}, but must be {bounds}.")
+    return kind(value)
+
+
+def validated(settings: Settings) -> Settings:
+    """Return the settings with each value checked and converted to its type (raises :class:`SettingsError`)."""
+    values = {name: check(name, value) for name, value in asdict(settings).items()}
+    device = values["device"]
+    known = device in ("auto", "cpu", "cuda") or (device.startswith("cuda:") and device[5:].isdecimal())
+    if not known:
+        raise SettingsError(f"--device is '{device}', but must be auto, cpu, cuda or cuda:N.")
+    return Settings(**values)
+
+
+def from_mapping(values: Mapping[str, Any]) -> Settings:
+    """Rebuild settings that :func:`dataclasses.asdict` wrote, ignoring names that this version does not know."""
+    return validated(Settings(**{name: value for name, value in values.items() if name in SETTING_FIELDS}))

@@ -1,0 +1,50 @@
+"""When to stop without a ground truth: overfitting signals and the step that they suggest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+# The signal is averaged over this share of the curve, and at least three points, before its minimum is taken.
+_WINDOW_SHARE = 0.05
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A step to keep, and why, in one sentence for the user."""
+
+    step: int
+    reason: str
+
+
+def suggest(curve: Sequence[Mapping[str, float]], steps: Sequence[int]) -> Suggestion | None:
+    """Suggest one of ``steps`` from a training curve.
+
+    The error of the held-out vertices is the true error plus the variance of the noise, as long as the noise of a vertex
+    tells nothing about that of its neighbours (the idea of Noise2Self, Batson & Royer 2019). Where it stops falling, the
+    network has begun to learn the noise. Without held-out vertices the last step is suggested.
+
+    Args:
+        curve: logged steps in ascending order, each with ``step`` and perhaps ``held_out_error``.
+        steps: the steps that can be kept, ascending.
+
+    Returns:
+        The suggestion, or None when nothing has been kept yet.
+    """
+    candidates = [step for step in steps if step > 0]
+    if not candidates:
+        return Suggestion(steps[-1], "Nothing has been learnt yet.") if steps else None
+    points = [(row["step"], row["held_out_error"]) for row in curve if row["step"] > 0 and "held_out_error" in row]
+    if len(points) < 5:
+        return Suggestion(candidates[-1], "The last step, because no vertices were held out to judge by.")
+    where, error = np.array(points).T
+    half = max(1, round(_WINDOW_SHARE * len(points) / 2))
+    padded = np.pad(error, half, mode="edge")
+    smooth = np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), mode="valid")
+    best = int(np.argmin(smooth))
+    step = min(candidates, key=lambda candidate: abs(candidate - where[best]))
+    if best >= len(points) - 1 - half:
+        return Suggestion(step, "The error of the held-out vertices is still falling: more steps may give a better mesh.")
+    return Suggestion(step, f"The error of the held-out vertices is lowest around step {int(where[best])}.")
