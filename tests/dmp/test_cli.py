@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from dmp.meshio import read_mesh, write_mesh
+
+from dmp.cli import main
+from dmp.mesh import TriangleMesh
+from dmp.runs import Run
+
+FAST = ["--steps", "20", "--snapshot-every", "10", "--threads", "1"]
+
+
+@pytest.fixture
+def files(noisy_sphere: TriangleMesh, sphere: TriangleMesh, tmp_path: Path) -> Path:
+    write_mesh(tmp_path / "noisy.ply", noisy_sphere)
+    write_mesh(tmp_path / "truth.obj", sphere)
+    return tmp_path
+
+
+def _run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def test_denoise_writes_mesh_report_and_run(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = _run("denoise", files / "noisy.ply", "-o", files / "out.ply", "--ground-truth", files / "truth.obj", *FAST,
+                "--run", files / "run", "--report", files / "report.json", "--keep", "best")  # fmt: skip
+    assert code == 0
+    report = json.loads((files / "report.json").read_text())
+    assert {"mesh", "vertices", "faces", "task", "settings", "device", "steps", "kept_step", "suggested_step", "seconds",
+            "seconds_per_step", "peak_memory_mb", "curve", "input", "result"} <= report.keys()  # fmt: skip
+    assert report["steps"] == 20
+    assert report["result"]["mad"] == min(row["mad"] for row in report["curve"] if row["step"] in (0, 10, 20))
+    saved = read_mesh(files / "out.ply")
+    assert saved.vertex_attributes["displacement"].shape == (258, 3)
+    assert Run.open(files / "run").kept_step == report["kept_step"]
+    assert "MAD" in capsys.readouterr().err
+
+
+def test_export_and_resume_of_a_run(files: Path) -> None:
+    assert _run("denoise", files / "noisy.ply", "-o", files / "out.ply", *FAST, "--run", files / "run", "-q") == 0
+    assert _run("export", files / "run", "--step", "10", "-o", files / "ten.obj") == 0
+    assert read_mesh(files / "ten.obj").n_vertices == 258
+    assert _run("export", files / "run", "--step", "11", "-o", files / "x.obj") == 2
+    assert _run("resume", files / "run") == 2
+    assert _run("resume", files / "run", "--steps", "30", "-o", files / "thirty.stl", "--keep", "last") == 0
+    assert Run.open(files / "run").snapshot_steps() == [0, 10, 20, 30]
+    assert _run("export", files / "run", "-o", files / "kept.ply") == 0
+
+
+def test_quiet_says_nothing(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run("denoise", files / "noisy.ply", "-o", files / "out.ply", *FAST, "--quiet") == 0
+    captured = capsys.readouterr()
+    assert captured.out == captured.err == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["denoise", "missing.ply", "-o", "out.ply"], "missing.ply"),
+        (["denoise", "{noisy}", "-o", "out.xyz"], "out.xyz"),
+        (["denoise", "{noisy}", "-o", "no/such/folder/out.ply"], "no/such/folder"),
+        (["denoise", "{noisy}", "-o", "out.ply", "--steps", "0"], "--steps"),
+        (["denoise", "{noisy}", "-o", "out.ply", "--keep", "best"], "--ground-truth"),
+        (["denoise", "{noisy}", "-o", "out.ply", "--keep", "33"], "multiple"),
+        (["denoise", "{noisy}", "-o", "out.ply", "--speed", "9"], "--speed"),
+        (["export", "{noisy}", "-o", "out.ply"], "run folder"),
+        (["noise", "{noisy}", "-o", "out.ply", "--kind", "pink"], "pink"),
+    ],
+)
+def test_wrong_usage_is_one_line_and_exit_code_two(
+    files: Path, arguments: list[str], words: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(files)
+    assert _run(*(argument.format(noisy=files / "noisy.ply") for argument in arguments)) == 2
+    message = capsys.readouterr().err
+    assert words in message
+    assert len(message.strip().splitlines()) == 1
+    assert "Traceback" not in message
+
+
+def test_noise_smooth_metrics_and_info(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run("noise", files / "truth.obj", "-o", files / "n.ply", "--level", "0.3", "--seed", "1") == 0
+    assert _run("smooth", files / "n.ply", "-o", files / "s.ply") == 0
+    capsys.readouterr()
+    assert _run("metrics", files / "n.ply", files / "truth.obj", "--json") == 0
+    values = json.loads(capsys.readouterr().out)
+    assert 0.3 < values["vertex_error"] < 0.6
+    assert _run("info", files / "n.ply", "--json") == 0
+    described = json.loads(capsys.readouterr().out)
+    assert (described["vertices"], described["closed"], described["trainable"]) == (258, True, True)
+    assert _run("info", files / "n.ply") == 0
+    assert "258" in capsys.readouterr().out
+
+
+def test_interrupting_leaves_a_whole_run_and_exit_code_130(files: Path) -> None:
+    paths = [str(files / "noisy.ply"), "-o", str(files / "out.ply"), "--run", str(files / "run")]
+    command = [sys.executable, "-m", "dmp", "denoise", *paths, "--steps", "100000", "--snapshot-every", "10", "--threads", "1"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as child:
+        until = time.monotonic() + 60
+        while not (files / "run" / "snapshots" / "000020.npy").exists() and time.monotonic() < until:
+            time.sleep(0.05)
+        child.send_signal(signal.SIGINT)
+        _, errors = child.communicate(timeout=20)
+    assert child.returncode == 130
+    assert "dmp resume" in errors
+    run = Run.open(files / "run")
+    assert run.state == "stopped"
+    assert run.resume().step == run.last_step >= 20
+
+
+def test_help_is_quick_because_nothing_heavy_is_imported() -> None:
+    code = (
+        "import sys\n"
+        "try:\n    from dmp.cli import main; main(['denoise', '--help'])\n"
+        "except SystemExit: pass\n"
+        "print([m for m in ('torch', 'scipy', 'vtk', 'pymeshlab') if m in sys.modules], file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.strip() == "[]"
+    assert "--laplacian-weight" in done.stdout

@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+import numpy as np
+
+from dmp.stopping import suggest
+
+
+def _curve(error: np.ndarray) -> list[dict[str, float]]:
+    return [{"step": 5 * (index + 1), "held_out_error": float(value)} for index, value in enumerate(error)]
+
+
+def test_the_minimum_of_a_noisy_valley_is_found() -> None:
+    steps = np.arange(5, 1005, 5)
+    valley = 1 + ((steps - 400) / 400) ** 2 + 0.01 * np.random.default_rng(0).standard_normal(200)
+    suggestion = suggest(_curve(valley), range(0, 1001, 25))
+    assert suggestion is not None
+    assert abs(suggestion.step - 400) <= 50
+    assert "lowest" in suggestion.reason
+
+
+def test_a_falling_curve_suggests_the_end_and_says_so() -> None:
+    suggestion = suggest(_curve(np.linspace(2, 1, 100)), range(0, 501, 25))
+    assert suggestion is not None
+    assert suggestion.step == 500
+    assert "still falling" in suggestion.reason
+
+
+def test_without_held_out_vertices_the_last_step_is_suggested() -> None:
+    suggestion = suggest([{"step": 5, "data_loss": 1.0}], [0, 25, 50])
+    assert suggestion is not None
+    assert suggestion.step == 50
+    assert suggest([], []) is None
