@@ -45,7 +45,8 @@ _HOME = {
     "StepRecord": "snapshot",
     "suggest": "stopping",
     "Training": "training",
-    "train": "training",
+    "train": "methods",
+    "training_for": "methods",
 }
 
 __all__ = [*sorted(_HOME), "__version__"]  # noqa: PLE0604
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from dmp.errors import DmpError, MeshError, MeshFileError, RunError, SettingsError, TrainingError
     from dmp.mesh import TriangleMesh
     from dmp.meshio import read_mesh, read_mesh_with_notes, write_mesh
+    from dmp.methods import train, training_for
     from dmp.metrics import mean_angular_difference
     from dmp.noise import add_noise
     from dmp.problem import Problem, denoising
@@ -62,7 +64,7 @@ if TYPE_CHECKING:
     from dmp.smoothing import smooth
     from dmp.snapshot import Snapshot, StepRecord
     from dmp.stopping import suggest
-    from dmp.training import Training, train
+    from dmp.training import Training
 
 
 def __getattr__(name: str) -> Any:

@@ -13,11 +13,11 @@ from torch.nn import functional
 from dmp.devices import available_cores
 from dmp.errors import SettingsError
 from dmp.mesh import TriangleMesh
+from dmp.methods import training_for
 from dmp.network import PUBLISHED_HIDDEN, scaled_widths
 from dmp.problem import denoising
 from dmp.settings import settings_for
 from dmp.topology import unique_edges
-from dmp.training import Training
 
 
 def compare_steps(mesh: TriangleMesh, *, width_divisor: int = 1, rounds: int = 5, threads: int = 0) -> dict[str, Any]:
@@ -38,7 +38,7 @@ def compare_steps(mesh: TriangleMesh, *, width_divisor: int = 1, rounds: int = 5
     settings = settings_for("denoise", "paper", threads=threads, width_divisor=width_divisor, device="cpu", steps=10**6,
                             log_every=10**6, snapshot_every=10**6)  # fmt: skip
     problem = denoising(mesh, settings)
-    training = Training(problem, settings)
+    training = training_for(problem, settings)
     ours = training.steps()
     next(ours)  # the untrained network, and the number of threads
 

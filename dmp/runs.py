@@ -27,6 +27,7 @@ from dmp.errors import DmpError, MeshError, RunError
 from dmp.files import atomic_write, atomic_write_bytes
 from dmp.mesh import FloatArray, TriangleMesh
 from dmp.meshio import read_mesh, write_mesh
+from dmp.methods import training_for
 from dmp.problem import Problem
 from dmp.run_files import RunLock, curve_line, curve_text, read_checkpoint, read_curve, write_checkpoint
 from dmp.settings import Settings, from_mapping, validated
@@ -314,7 +315,7 @@ class Run:
             raise RunError(f"The run in {self.folder} is being trained by another window or command.")
         if steps is not None:
             self.settings = validated(replace(self.settings, steps=steps))
-        training = Training(self.problem(), self.settings, run_id=self.run_id)
+        training = training_for(self.problem(), self.settings, run_id=self.run_id)
         if (self.folder / "checkpoint.pt").exists():
             training.load_state(read_checkpoint(self.folder / "checkpoint.pt"))
         if training.step >= self.settings.steps:

@@ -16,11 +16,11 @@ import pytest
 
 from dmp.errors import RunError
 from dmp.mesh import TriangleMesh
+from dmp.methods import training_for
 from dmp.problem import denoising
 from dmp.run_files import read_checkpoint, read_curve, write_checkpoint
 from dmp.runs import Run, default_runs_folder, is_run_folder, list_runs, record
 from dmp.settings import settings_for
-from dmp.training import Training
 
 MakeRun = Callable[..., Run]
 
@@ -178,7 +178,7 @@ def test_damaged_and_hostile_checkpoints_are_refused(
     noisy_sphere: TriangleMesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     settings = settings_for("denoise", steps=2, threads=1)
-    training = Training(denoising(noisy_sphere, settings), settings)
+    training = training_for(denoising(noisy_sphere, settings), settings)
     path = tmp_path / "checkpoint.pt"
     write_checkpoint(path, training.state())
     assert read_checkpoint(path)["step"] == 0

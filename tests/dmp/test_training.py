@@ -6,10 +6,11 @@ import torch
 
 from dmp.errors import MeshError, SettingsError, TrainingError
 from dmp.mesh import TriangleMesh
+from dmp.methods import train, training_for
 from dmp.network import DisplacementNetwork, scaled_widths
 from dmp.problem import denoising
 from dmp.settings import Settings, settings_for
-from dmp.training import Training, train
+from dmp.training import Training
 from tests.meshes import grid_mesh
 
 
@@ -19,7 +20,7 @@ def _settings(**overrides: object) -> Settings:
 
 def _small_training(mesh: TriangleMesh, truth: TriangleMesh | None = None, **overrides: object) -> Training:
     settings = _settings(**overrides)
-    return Training(denoising(mesh, settings, truth), settings)
+    return training_for(denoising(mesh, settings, truth), settings)
 
 
 def test_published_network_has_the_published_number_of_parameters() -> None:
@@ -92,7 +93,7 @@ def test_results_do_not_depend_on_the_units_and_place_of_the_file(noisy_sphere: 
 
 def test_held_out_vertices_never_enter_the_data_term(noisy_sphere: TriangleMesh) -> None:
     settings = _settings(hold_out=0.1)
-    training = Training(denoising(noisy_sphere, settings), settings)
+    training = training_for(denoising(noisy_sphere, settings), settings)
     assert len(training.held_out) == round(0.1 * noisy_sphere.n_vertices)
     spoiled = noisy_sphere.vertices.copy()
     spoiled[training.held_out] += 50.0
@@ -100,7 +101,7 @@ def test_held_out_vertices_never_enter_the_data_term(noisy_sphere: TriangleMesh)
     # The same base and units, so that only the hidden targets differ.
     from dataclasses import replace
 
-    other = Training(replace(problem, mesh=noisy_sphere.with_vertices(spoiled)), settings)
+    other = training_for(replace(problem, mesh=noisy_sphere.with_vertices(spoiled)), settings)
     left = [r.snapshot.vertices for r in training.steps() if r.snapshot]
     right = [r.snapshot.vertices for r in other.steps() if r.snapshot]
     assert np.array_equal(left[-1], right[-1])
@@ -133,7 +134,7 @@ def test_numbers_out_of_range_stop_the_training_in_words(noisy_sphere: TriangleM
     steps = training.steps()
     next(steps)
     with torch.no_grad():
-        next(iter(training._network.parameters())).fill_(float("nan"))
+        next(training._network.parameters()).fill_(float("nan"))
     with pytest.raises(TrainingError, match="step 1"):
         next(steps)
 

@@ -1,0 +1,117 @@
+"""The method of the paper: a graph network learns the displacements of one mesh from its smoothed copy (section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dmp.errors import SettingsError, TrainingError
+from dmp.losses import data_loss, laplacian_loss
+from dmp.mesh import FloatArray, IntArray
+from dmp.network import DisplacementNetwork, scaled_widths
+from dmp.operators import normalised_adjacency, to_torch
+from dmp.problem import Problem
+from dmp.settings import Settings
+from dmp.topology import adjacency
+from dmp.training import Training
+
+
+class DeepMeshPrior(Training):
+    """Trains a displacement network on fixed random input: q = s + F(sigma; theta), with E + lambda * E_lap as loss.
+
+    The prediction is the running average of the outputs (``settings.average``), which was measured to be closer to the
+    truth than each output and costs nothing.
+    """
+
+    def __init__(self, problem: Problem, settings: Settings, *, run_id: str | None = None) -> None:
+        generator = np.random.default_rng(settings.seed)
+        features = generator.standard_normal((problem.mesh.n_vertices, settings.input_channels), dtype=np.float32)
+        super().__init__(problem, settings, _choose_held_out(problem, settings.hold_out, generator), run_id)
+        fitted = np.setdiff1d(np.flatnonzero(problem.known), self.held_out, assume_unique=True)
+
+        neighbours = adjacency(problem.mesh.faces, problem.mesh.n_vertices)
+        self._propagation = to_torch(normalised_adjacency(problem.mesh.faces, problem.mesh.n_vertices), self.device)
+        self._adjacency = to_torch(neighbours, self.device)
+        # A vertex of degenerate faces only may have no neighbour; its Laplacian is then the vertex itself over 1.
+        self._valence = self._tensor(np.maximum(neighbours.sum(axis=1), 1.0)[:, None])
+        self._features = torch.from_numpy(features).to(self.device)
+        self._target = self._tensor(problem.to_training_units(problem.target))
+        self._base = self._tensor(problem.to_training_units(problem.base))
+        self._fitted = None if len(fitted) == len(problem.known) else torch.from_numpy(fitted).to(self.device)
+
+        # Forked, so that the caller's own random numbers stay as they were.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(settings.seed)
+            network = DisplacementNetwork(settings.input_channels, scaled_widths(settings.width_divisor))
+        self._network = network.to(self.device)
+        self._optimiser = torch.optim.Adam(self._network.parameters(), lr=settings.learning_rate, fused=True)
+        self._output = self._base
+        self._average: Tensor | None = None
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of trained values in the network."""
+        return sum(parameter.numel() for parameter in self._network.parameters())
+
+    def _forward(self) -> Mapping[str, Tensor]:
+        output = self._network(self._features, self._propagation)
+        if self.settings.predict == "displacement":
+            output = output + self._base
+        self._output = output.detach()
+        data = data_loss(output, self._target, self._fitted)
+        laplacian = laplacian_loss(output, self._adjacency, self._valence, self.settings.laplacian_form)
+        return {"total_loss": data + self.settings.laplacian_weight * laplacian, "data_loss": data, "laplacian_loss": laplacian}
+
+    def _losses_before(self) -> Mapping[str, Tensor]:
+        with torch.no_grad():
+            return self._forward()
+
+    def _compute_gradients(self) -> Mapping[str, Tensor]:
+        losses = self._forward()
+        self._optimiser.zero_grad(set_to_none=True)
+        losses["total_loss"].backward()  # type: ignore[no-untyped-call]
+        return {name: value.detach() for name, value in losses.items()}
+
+    def _apply_gradients(self) -> None:
+        self._optimiser.step()
+        if self.settings.average == 0:
+            return
+        if self._average is None:
+            self._average = self._output.clone()
+        else:
+            # The decay grows towards its value, so that the first, poor outputs are soon forgotten.
+            decay = min(self.settings.average, (2 + self.step) / (11 + self.step))
+            self._average.lerp_(self._output, 1 - decay)
+
+    def _prediction(self) -> Tensor:
+        return self._output if self._average is None else self._average
+
+    def _weights(self) -> dict[str, Any]:
+        return {
+            "network": self._network.state_dict(),
+            "optimiser": self._optimiser.state_dict(),
+            "average": self._average,
+        }
+
+    def _load_weights(self, state: Mapping[str, Any]) -> None:
+        self._network.load_state_dict(state["network"])
+        self._optimiser.load_state_dict(state["optimiser"])
+        average = state["average"]
+        if average is not None and average.shape != self._target.shape:
+            raise TrainingError("The checkpoint belongs to a mesh with another number of vertices.")
+        self._average = None if average is None else average.to(self.device)
+
+    def _tensor(self, values: FloatArray) -> Tensor:
+        return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32)).to(self.device)
+
+
+def _choose_held_out(problem: Problem, share: float, generator: np.random.Generator) -> IntArray:
+    known = np.flatnonzero(problem.known)
+    count = round(share * len(known))
+    if share > 0 and len(known) - count < 1:
+        raise SettingsError(f"--hold-out {share:g} leaves no vertex to learn from.")
+    return np.sort(generator.choice(known, size=count, replace=False))

@@ -1,0 +1,29 @@
+"""From settings to the training that they name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from dmp.deep_mesh_prior import DeepMeshPrior
+from dmp.problem import Problem
+from dmp.settings import Settings
+from dmp.snapshot import Snapshot
+from dmp.training import Training
+
+
+def training_for(problem: Problem, settings: Settings, *, run_id: str | None = None) -> Training:
+    """Return a fresh training of the method that ``settings`` name (raises :class:`dmp.errors.SettingsError`)."""
+    return DeepMeshPrior(problem, settings, run_id=run_id)
+
+
+def train(problem: Problem, settings: Settings) -> Iterator[Snapshot]:
+    """Train on one problem and yield a snapshot at step 0, every ``settings.snapshot_every`` steps and at the end.
+
+    Example:
+        >>> settings = settings_for("denoise", steps=200)
+        >>> for snapshot in train(denoising(read_mesh("noisy.ply"), settings), settings):
+        ...     print(snapshot.step, snapshot.metrics["data_loss"])
+    """
+    for record in training_for(problem, settings).steps():
+        if record.snapshot is not None:
+            yield record.snapshot
