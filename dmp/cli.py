@@ -17,7 +17,7 @@ from cyclopts import App, Parameter
 from rich.console import Console
 
 from dmp import __version__
-from dmp.errors import DmpError, SettingsError
+from dmp.errors import DmpError, MeshFileError
 from dmp.settings import SETTING_FIELDS, Settings, choices, settings_for
 
 if TYPE_CHECKING:
@@ -84,10 +84,16 @@ def _load(path: Path, quiet: bool = False) -> TriangleMesh:
 
 
 def _check_output(path: Path) -> None:
-    """Refuse an output that could not be written after the work is done (raises :class:`DmpError`)."""
-    from dmp.meshio import check_writable
+    """Refuse an output that could not be written after the work is done (raises :class:`MeshFileError`)."""
+    from dmp.meshio import WRITABLE_SUFFIXES
 
-    check_writable(path)
+    if path.suffix.lower() not in WRITABLE_SUFFIXES:
+        raise MeshFileError(path, "the name says no format that can be written", f"End it in {', '.join(WRITABLE_SUFFIXES)}.")
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        cause = "this is a folder" if path.is_dir() else f"the folder {path.parent} does not exist"
+        raise MeshFileError(path, cause, "Name a file in a folder that exists.")
+    if not os.access(path.absolute().parent, os.W_OK):
+        raise MeshFileError(path, f"the folder {path.parent} cannot be written to", "Choose another folder.")
 
 
 @app.command
@@ -162,8 +168,8 @@ def export(
 
     opened = Run.open(run)
     chosen = choose_step(opened, step or ("kept" if opened.kept_step is not None else "suggested"))
-    write_mesh(output, opened.mesh_at(chosen))
-    _say(f"Step {chosen} written to {output}.", quiet)
+    notes = write_mesh(output, opened.mesh_at(chosen))
+    _say(" ".join((f"Step {chosen} written to {output}.", *notes)), quiet)
     return EXIT_DONE
 
 
@@ -301,7 +307,8 @@ def benchmark(
 
 
 def _given(options: Any) -> dict[str, Any]:
-    return {} if options is None else {item.name: getattr(options, item.name) for item in fields(options)}
+    values = {} if options is None else {item.name: getattr(options, item.name) for item in fields(options)}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -331,6 +338,3 @@ def main(arguments: list[str] | None = None) -> None:
         )
         code = EXIT_FAULT
     sys.exit(code if isinstance(code, int) else EXIT_DONE)
-
-
-__all__ = ["SettingsError", "app", "main"]

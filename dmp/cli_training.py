@@ -126,9 +126,9 @@ def save_result(run: Run, finished: bool, *, keep: str, output: Path | None, rep
         except OSError as error:
             console.print(f"Warning: the report cannot be written to {report} ({error.strerror}).", markup=False)
     if output is not None:
-        write_mesh(output, run.mesh_at(step))
+        notes = write_mesh(output, run.mesh_at(step))
         reason = f" {suggestion.reason}" if suggestion and keep == "auto" else ""
-        console.print(f"Step {step} written to {output}.{reason}", markup=False)
+        console.print(" ".join((f"Step {step} written to {output}.{reason}", *notes)), markup=False)
     metrics = run.snapshot(step).metrics
     if "mad" in metrics:
         console.print(f"Result: {_measures(metrics)}")

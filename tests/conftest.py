@@ -12,7 +12,9 @@ os.environ.setdefault("QT_API", "pyside6")
 import numpy as np
 import pytest
 
+from dmp.geometry import mean_edge_length
 from dmp.mesh import TriangleMesh
+from dmp.topology import unique_edges
 from tests.meshes import sphere_mesh
 
 SHARED_MESHES = Path(__file__).resolve().parents[2] / "shared" / "meshes"
@@ -59,4 +61,5 @@ def sphere() -> TriangleMesh:
 def noisy_sphere(sphere: TriangleMesh) -> TriangleMesh:
     """The sphere with Gaussian noise of a fifth of its mean edge length."""
     noise = np.random.default_rng(5).standard_normal(sphere.vertices.shape)
-    return sphere.with_vertices(sphere.vertices + 0.2 * 0.17 * noise)
+    edge_length = mean_edge_length(sphere.vertices, unique_edges(sphere.faces))
+    return sphere.with_vertices(sphere.vertices + 0.2 * edge_length * noise)
