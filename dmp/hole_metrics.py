@@ -27,6 +27,11 @@ class HoleTruth:
     faces: IntArray
     edge_length: float
 
+    @property
+    def source(self) -> TriangleMesh:
+        """The true surface as it was given."""
+        return self.mesh
+
     @classmethod
     def for_filled(cls, truth: TriangleMesh, filled: TriangleMesh, known: BoolArray, edge_length: float) -> HoleTruth:
         """Prepare to measure the inserted part of ``filled``, whose original vertices are ``known`` (V,)."""

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from dmp.deep_mesh_prior import DeepMeshPrior
 from dmp.problem import Problem
+from dmp.recorrupted.training import RecorruptedTraining
 from dmp.settings import Settings
 from dmp.snapshot import Snapshot
 from dmp.training import Training
@@ -13,6 +14,8 @@ from dmp.training import Training
 
 def training_for(problem: Problem, settings: Settings, *, run_id: str | None = None) -> Training:
     """Return a fresh training of the method that ``settings`` name (raises :class:`dmp.errors.SettingsError`)."""
+    if settings.method == "recorrupted":
+        return RecorruptedTraining(problem, settings, run_id=run_id)
     return DeepMeshPrior(problem, settings, run_id=run_id)
 
 

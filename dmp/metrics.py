@@ -56,12 +56,14 @@ class GroundTruth:
     """A clean mesh to compare with, moved to where the input lies.
 
     Attributes:
-        mesh: the clean mesh, in the place and scale of the input.
+        source: the clean mesh as it was given.
+        mesh: the same in the place and scale of the input.
         alignment: what moved it there.
         normals: its face normals, (F, 3).
         edge_length: its mean edge length h after the move, file units.
     """
 
+    source: TriangleMesh
     mesh: TriangleMesh
     alignment: Alignment
     normals: FloatArray
@@ -83,6 +85,7 @@ class GroundTruth:
         alignment = align(truth.vertices, noisy.vertices)
         moved = truth.with_vertices(alignment.apply(truth.vertices))
         return cls(
+            source=truth,
             mesh=moved,
             alignment=alignment,
             normals=face_normals(moved.vertices, moved.faces),

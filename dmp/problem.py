@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from dmp.errors import MeshError
 from dmp.geometry import face_areas, mean_edge_length
+from dmp.hole_metrics import HoleTruth
 from dmp.mesh import BoolArray, FloatArray, TriangleMesh, read_only
 from dmp.metrics import GroundTruth
+from dmp.seam import Seam
 from dmp.settings import Settings, Task
 from dmp.smoothing import smooth
 from dmp.topology import unique_edges
@@ -29,6 +32,8 @@ class Problem:
             side of its bounding box.
         edge_length: mean edge length of the input, file units; the unit of every reported distance.
         ground_truth: what to compare the prediction with, or None.
+        keep_known: whether the result leaves known vertices exactly where they were.
+        notes: sentences for the user on what was done to set the problem up.
     """
 
     task: Task
@@ -38,7 +43,9 @@ class Problem:
     origin: FloatArray
     unit: float
     edge_length: float
-    ground_truth: GroundTruth | None = field(default=None)
+    ground_truth: GroundTruth | HoleTruth | None = field(default=None)
+    keep_known: bool = False
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "base", read_only(self.base, np.float64))
@@ -54,6 +61,7 @@ class Problem:
         base: FloatArray,
         known: BoolArray | None = None,
         ground_truth: TriangleMesh | None = None,
+        notes: tuple[str, ...] = (),
     ) -> Problem:
         """Set up a problem whose base is there already, choosing the scale that ``settings`` ask for.
 
@@ -62,28 +70,47 @@ class Problem:
             settings: task and scaling are taken from here.
             base: smoothed positions, (V, 3), file units.
             known: (V,) bool; None when every vertex is.
-            ground_truth: the clean mesh, with the same connectivity.
+            ground_truth: the clean mesh, with the same connectivity; for a completion the complete one, with any.
+            notes: sentences for the user.
 
         Raises:
             MeshError: when the ground truth does not belong to the mesh.
         """
-        edge_length = mean_edge_length(mesh.vertices, unique_edges(mesh.faces))
+        known = np.ones(mesh.n_vertices, dtype=bool) if known is None else known
+        # Of the known part: what hole filling made of the rest is no measure of the scan.
+        edges = unique_edges(mesh.faces[known[mesh.faces].all(axis=1)])
+        edge_length = mean_edge_length(mesh.vertices, edges)
+        truth: GroundTruth | HoleTruth | None = None
+        if ground_truth is not None and settings.task == "complete":
+            truth = HoleTruth.for_filled(ground_truth, mesh, known, edge_length)
+        elif ground_truth is not None:
+            truth = GroundTruth.for_input(ground_truth, mesh)
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         return cls(
             task=settings.task,
             mesh=mesh,
             base=base,
-            known=np.ones(mesh.n_vertices, dtype=bool) if known is None else known,
+            known=known,
             origin=(low + high) / 2,
             unit=edge_length if settings.scaling == "edge" else float((high - low).max()),
             edge_length=edge_length,
-            ground_truth=None if ground_truth is None else GroundTruth.for_input(ground_truth, mesh),
+            ground_truth=truth,
+            keep_known=settings.task == "complete" and settings.known_vertices == "keep",
+            notes=notes,
         )
 
     @property
     def target(self) -> FloatArray:
         """Positions of the input y, (V, 3) float64, file units."""
         return self.mesh.vertices
+
+    def joined(self, predicted: FloatArray) -> FloatArray:
+        """Return the result for predicted positions, (V, 3), file units: with known vertices in place if they are kept."""
+        return self._seam.apply(predicted) if self.keep_known else predicted
+
+    @cached_property
+    def _seam(self) -> Seam:
+        return Seam(self.mesh, self.known)
 
     def to_training_units(self, positions: FloatArray) -> FloatArray:
         """Map positions of the file into the units of the training."""

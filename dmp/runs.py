@@ -135,7 +135,8 @@ class Run:
             (folder / "snapshots").mkdir(parents=True, exist_ok=True)
             write_mesh(folder / "input.ply", _with_mask(problem))
             if problem.ground_truth is not None:
-                write_mesh(folder / "ground_truth.ply", problem.ground_truth.mesh)
+                # As it was given: aligning it a second time would change the last digits of what is measured.
+                write_mesh(folder / "ground_truth.ply", problem.ground_truth.source)
             _save_array(folder / "base.npy", problem.base)
             atomic_write_bytes(folder / "curve.csv", curve_text([]).encode())
             run._write_manifest()
@@ -322,6 +323,8 @@ class Run:
             raise RunError(
                 f"The run has reached its {self.settings.steps} steps already. Give a higher number of steps to go on."
             )
+        if training.is_done:
+            raise RunError("The run has come to rest already: its inserted vertices hardly move any more.")
         return training
 
     def _begin(self, training: Training) -> None:

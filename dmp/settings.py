@@ -14,12 +14,14 @@ from typing import Any, Literal, get_args, get_type_hints
 from dmp.errors import SettingsError
 
 Task = Literal["denoise", "complete"]
-Preset = Literal["compact", "paper"]
+Preset = Literal["compact", "paper", "best"]
+Method = Literal["prior", "recorrupted"]
 Convolution = Literal["gcn"]
 LaplacianForm = Literal["mean", "sum"]
 Scaling = Literal["edge", "box"]
 Smoothing = Literal["laplacian", "none"]
 Prediction = Literal["displacement", "position"]
+KnownVertices = Literal["keep", "predict"]
 
 
 def _setting(
@@ -36,7 +38,14 @@ class Settings:
     """
 
     task: Task = _setting("denoise", "What to do: remove noise, or fill holes.", advanced=False)
-    preset: Preset = _setting("compact", "'compact' is fast and improved, 'paper' follows the published code.", advanced=False)
+    preset: Preset = _setting(
+        "compact",
+        "'compact' is fast and improved, 'paper' follows the published code, 'best' needs no choice of a step.",
+        advanced=False,
+    )
+    method: Method = _setting(
+        "prior", "Deep Mesh Prior, or training on recorrupted copies, which knows the noise and needs no early stopping."
+    )
     steps: int = _setting(1000, "Training steps (optimiser updates).", minimum=1, maximum=10_000_000, advanced=False)
     snapshot_every: int = _setting(25, "Keep the predicted mesh every so many steps.", minimum=1, advanced=False)
     log_every: int = _setting(5, "Write losses and metrics every so many steps.", minimum=1)
@@ -74,6 +83,33 @@ class Settings:
         maximum=0.9999,
     )
 
+    # What follows is of completion alone.
+    known_vertices: KnownVertices = _setting(
+        "keep", "Completion: leave the vertices of the input exactly where they are, or take the prediction for them too."
+    )
+    max_hole_edges: int = _setting(0, "Completion: leave holes with more edges than this open; 0 fills them all.", minimum=0)
+    rest_movement: float = _setting(
+        0.0,
+        "Completion: end when the inserted vertices move less than this, in mean edge lengths per 100 steps; 0 never.",
+        minimum=0.0,
+        maximum=1e3,
+    )
+
+    # What follows is of the method 'recorrupted' alone; its sources are measurements on generated meshes.
+    noise_level: float = _setting(
+        0.0, "Noise along the normal, in mean edge lengths (standard deviation); 0 estimates it.", minimum=0.0, maximum=10.0
+    )
+    noise_tangential: float = _setting(
+        -1.0, "Noise across the normal as a share of that along it, 0 to 1; -1 estimates it.", minimum=-1.0, maximum=1.0
+    )
+    normal_weight: float = _setting(10.0, "Weight of the term on face normals.", minimum=0.0, maximum=1e6)
+    bilateral_layers: int = _setting(6, "Layers of learned bilateral filtering.", minimum=0, maximum=32)
+    normal_passes: int = _setting(5, "Averagings of the normals in each bilateral layer.", minimum=0, maximum=100)
+    vertex_passes: int = _setting(3, "Vertex updates in each bilateral layer.", minimum=0, maximum=100)
+    patch_size: int = _setting(
+        4000, "Vertices that one training step looks at; larger meshes are trained in patches.", minimum=100, maximum=10_000_000
+    )
+
 
 SETTING_FIELDS: Mapping[str, Field[Any]] = {item.name: item for item in fields(Settings)}
 _TYPES = get_type_hints(Settings)
@@ -91,6 +127,10 @@ _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
     ("paper", "complete"): {
         "steps": 8000, "snapshot_every": 100, "log_every": 10, "width_divisor": 1, "scaling": "box", "hold_out": 0.0,
         "average": 0.0, "laplacian_weight": 0.2,
+    },
+    ("best", "denoise"): {
+        "method": "recorrupted", "steps": 200, "snapshot_every": 10, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.0,
+        "average": 0.0,
     },
 }  # fmt: skip
 

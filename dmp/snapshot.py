@@ -46,8 +46,10 @@ class StepRecord:
         metrics: empty except at logged steps. Names: ``data_loss`` and ``laplacian_loss`` (unweighted), ``total_loss``,
             ``displacement`` (mean length, in mean edge lengths), ``input_distance`` (mean distance of the prediction from
             the input, mean edge lengths), ``held_out_error`` and ``held_out_normal_error`` (mean distance, and mean
-            distance along the normal, of the hidden vertices from their input positions, mean edge lengths), and with a
-            ground truth ``mad`` (degrees) and ``vertex_error`` (mean edge lengths of the truth).
+            distance along the normal, of the hidden vertices from their input positions, mean edge lengths); for a
+            completion ``inserted_movement`` (:class:`dmp.rest.RestWatch`); with a ground truth ``mad`` (degrees) and
+            ``vertex_error`` (mean edge lengths of the truth), or ``hole_distance`` and ``hole_normal_error``
+            (:class:`dmp.hole_metrics.HoleTruth`).
         snapshot: present at step 0, every ``snapshot_every`` steps and at the last step.
     """
 

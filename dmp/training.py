@@ -9,6 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,6 +18,7 @@ from dmp.errors import TrainingError
 from dmp.measures import Measures
 from dmp.mesh import IntArray
 from dmp.problem import Problem
+from dmp.rest import RestWatch
 from dmp.settings import Settings
 from dmp.snapshot import Snapshot, StepRecord
 
@@ -50,6 +52,7 @@ class Training(ABC):
         self.device = choose_device(settings.device)
         self.threads = settings.threads or available_cores()
         self._measures = Measures(problem, held_out)
+        self._rest = RestWatch(np.flatnonzero(~problem.known), problem.edge_length, settings.rest_movement)
         self._losses: Mapping[str, Tensor] = {}
 
     # -- what a method says ---------------------------------------------------------------------------------------
@@ -86,7 +89,7 @@ class Training(ABC):
     # -- what they share ------------------------------------------------------------------------------------------
 
     def steps(self) -> Iterator[StepRecord]:
-        """Train until ``settings.steps``, yielding a record after each step.
+        """Train until ``settings.steps``, or until the inserted vertices rest, yielding a record after each step.
 
         A fresh training yields the untrained network first, as step 0. Losses are those of the network's output in that
         step; the metrics and the snapshot are those of the prediction.
@@ -99,9 +102,9 @@ class Training(ABC):
         if self.step == 0:
             with self._timed():
                 self._losses = self._losses_before()
-                record = self._record(force=True)
+                record = self._record()
             yield record
-        while self.step < self.settings.steps:
+        while self.step < self.settings.steps and not self._rest.is_at_rest:
             with self._timed():
                 losses = self._compute_gradients()
                 # On a GPU looking at a number waits for the device, so there it is checked at logged steps only.
@@ -115,11 +118,22 @@ class Training(ABC):
 
     def current(self) -> StepRecord | None:
         """Return a record with a snapshot of the step just done, whatever the interval; None before the first step."""
-        return self._record(force=True) if self._losses and self.step else None
+        return self._record(ahead_of_time=True) if self._losses and self.step else None
+
+    @property
+    def is_done(self) -> bool:
+        """Whether there is nothing left to do: the last step is reached, or the inserted vertices have come to rest."""
+        return self.step >= self.settings.steps or self._rest.is_at_rest
 
     def state(self) -> dict[str, Any]:
         """Return everything that :meth:`load_state` needs to go on from here: tensors and plain values only."""
-        return {"version": CHECKPOINT_VERSION, "step": self.step, "seconds": self.seconds, **self._weights()}
+        return {
+            "version": CHECKPOINT_VERSION,
+            "step": self.step,
+            "seconds": self.seconds,
+            "rest": self._rest.state(),
+            **self._weights(),
+        }
 
     def load_state(self, state: Mapping[str, Any]) -> None:
         """Go on from what :meth:`state` returned for the same problem and settings.
@@ -131,6 +145,7 @@ class Training(ABC):
             if state["version"] != CHECKPOINT_VERSION:
                 raise TrainingError(f"The checkpoint has version {state['version']}, this program writes {CHECKPOINT_VERSION}.")
             self._load_weights(state)
+            self._rest.load_state(state["rest"])
             self.step, self.seconds = int(state["step"]), float(state["seconds"])
         except (KeyError, TypeError, ValueError, RuntimeError, AttributeError, IndexError) as error:
             raise TrainingError(f"The checkpoint does not fit the settings of its run ({error}).") from error
@@ -147,15 +162,18 @@ class Training(ABC):
 
     def _is_due(self, step: int) -> bool:
         settings = self.settings
-        return step % settings.log_every == 0 or step % settings.snapshot_every == 0 or step in (1, settings.steps)
+        return step % settings.log_every == 0 or step % settings.snapshot_every == 0 or step in (0, 1, settings.steps)
 
-    def _record(self, force: bool = False) -> StepRecord:
-        if not (force or self._is_due(self.step)):
+    def _record(self, ahead_of_time: bool = False) -> StepRecord:
+        if not (ahead_of_time or self._is_due(self.step)):
             return StepRecord(self.step, self.seconds)
-        vertices = self.problem.to_file_units(self._prediction().cpu().numpy())
+        vertices = self.problem.joined(self.problem.to_file_units(self._prediction().cpu().numpy()))
         metrics = {name: value.item() for name, value in self._losses.items()}
         metrics.update(self._measures(vertices))
-        wanted = force or self.step % self.settings.snapshot_every == 0 or self.step == self.settings.steps
+        if not ahead_of_time:
+            # A record out of turn must not change what an uninterrupted training would measure later.
+            metrics.update(self._rest.update(self.step, vertices))
+        wanted = ahead_of_time or self.step % self.settings.snapshot_every == 0 or self.is_done
         snapshot = Snapshot(self.run_id, self.step, vertices, metrics, self.seconds) if wanted else None
         return StepRecord(self.step, self.seconds, metrics, snapshot)
 

@@ -1,0 +1,143 @@
+"""Close one hole from beginning to end: surroundings, triangulation, refinement and fairing, and the check of the result."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dmp.geometry import face_areas
+from dmp.hole_filling.checking import CannotCloseError, folds, has_flat_triangles, outside_normals, remarks_on, unfolded
+from dmp.hole_filling.fairing import MOST_DIRECT, fair, harmonic
+from dmp.hole_filling.flipping import flip_edges
+from dmp.hole_filling.patch import Patch, edge_keys, half_edges
+from dmp.hole_filling.refinement import collapse_short_edges, refine, split_long_edges, spread_vertices
+from dmp.hole_filling.triangulation import triangulated
+from dmp.mesh import FloatArray, IntArray
+
+# More would take minutes here and hours in training.
+MOST_INSERTED = 200_000
+_TOO_LARGE = f"Closing it at the density around it would take more than {MOST_INSERTED:,} new vertices."
+
+# A coarse patch begins with about this many of its edges along the rim.
+_COARSE_RIM = 40
+# Thin plate first; where that folds, which noise at the rim can bring about, more and more of a membrane.
+_TENSIONS = (0.0, 0.3, np.inf)
+
+
+@dataclass
+class Closed:
+    """A closed hole: the patch, and whether its vertices stem from MeshLab; ``remarks`` say what did not go as planned."""
+
+    patch: Patch
+    remarks: list[str] = field(default_factory=list)
+
+
+def surroundings(vertices: FloatArray, faces: IntArray, rim: IntArray) -> tuple[Patch, IntArray]:
+    """Gather what the filling of a hole has to know of the mesh.
+
+    Args:
+        vertices: all positions of the mesh, (V, 3).
+        faces: the faces that touch the rim, (C, 3).
+        rim: the rim vertices (n,) in the order in which new faces run around them.
+
+    Returns:
+        a patch without triangles and new vertices, and the vertex indices (N,) of its numbering in the mesh.
+    """
+    names = np.concatenate([rim, np.setdiff1d(faces, rim)])
+    order = np.argsort(names)
+    collar = order[np.searchsorted(names[order], faces)]
+    positions = vertices[names]
+    n, n_rim = len(names), len(rim)
+    keys = np.unique(edge_keys(*half_edges(collar), n))
+    edges = np.stack([keys // n, keys % n], axis=1)
+    lengths = np.linalg.norm(positions[edges[:, 0]] - positions[edges[:, 1]], axis=1)
+    total = np.bincount(edges.ravel(), np.repeat(lengths, 2), n)
+    wanted = total / np.bincount(edges.ravel(), minlength=n)
+    # A single short or long side says little about the density there.
+    for _ in range(3):
+        around = wanted[:n_rim]
+        wanted[:n_rim] = (np.roll(around, 1) + 2 * around + np.roll(around, -1)) / 4
+    outside_edges = edges[(edges < n_rim).all(axis=1)]
+    return Patch(positions, np.empty((0, 3), dtype=np.int64), collar, wanted, n_rim, n, outside_edges), names
+
+
+def close_hole(start: Patch) -> Closed:
+    """Fill a hole by our own triangulation, refinement and fairing.
+
+    Args:
+        start: the surroundings of the hole; not changed.
+
+    Raises:
+        CannotCloseError: when the patch would double existing faces, be too large, or fold back on the mesh around it.
+    """
+    _refuse_doubled_triangle(start)
+    remarks: list[str] = []
+    triangles = triangulated(start.positions[: start.n_rim], outside_normals(start), start.outside_edges)
+    begin = copy.copy(start)
+    if triangles is None:
+        remarks.append("is closed around a new vertex in its middle, because the mesh joins too many of its rim vertices already")
+        begin = _fan(start)
+    else:
+        begin.triangles = triangles
+        # A straight rim of few vertices can leave nothing but triangles without area.
+        if start.n_rim > 3 and has_flat_triangles(begin) and not has_flat_triangles(_fan(start)):
+            begin = _fan(start)
+    typical = begin.wanted[begin.triangles].mean(axis=1)
+    if (face_areas(begin.positions, begin.triangles) / typical**2).sum() > MOST_INSERTED:
+        raise CannotCloseError(_TOO_LARGE)
+
+    best: Patch | None = None
+    for tension in _TENSIONS:
+        patch = copy.copy(begin)
+        _shape(patch, tension)
+        patch = unfolded(patch)
+        if best is None or folds(patch).n_inner < folds(best).n_inner:
+            best = patch
+        if folds(best).n_inner == 0 or best.n_inserted > MOST_DIRECT:
+            break
+    assert best is not None
+    return Closed(best, remarks + remarks_on(best))
+
+
+def _shape(patch: Patch, tension: float) -> None:
+    """Refine and fair from coarse to fine: a coarse patch finds the large shape at little cost, a fine one the rest."""
+    scale = 2.0 ** max(int(np.log2(patch.n_rim / _COARSE_RIM)), 0)
+    while scale >= 1:
+        if not refine(patch, scale, MOST_INSERTED):
+            raise CannotCloseError(_TOO_LARGE)
+        fair(patch, tension)
+        patch.wanted[patch.inserted] = harmonic(patch, patch.wanted[: patch.n_rim, None])[:, 0]
+        scale /= 2
+    # Fairing has changed lengths once more.
+    for _ in range(5 if patch.n_inserted <= MOST_DIRECT else 1):
+        before = patch.n_inserted
+        flip_edges(patch, split_long_edges(patch))
+        has_changed = patch.n_inserted > before
+        for _ in range(10):
+            before = patch.n_inserted
+            flip_edges(patch, collapse_short_edges(patch))
+            if patch.n_inserted == before:
+                break
+            has_changed = True
+        spread_vertices(patch, 3)
+        flip_edges(patch)
+        fair(patch, tension)
+        if not has_changed:
+            break
+
+
+def _fan(start: Patch) -> Patch:
+    """Join every side of the rim to one new vertex: no edge of such a patch can exist already."""
+    patch = copy.copy(start)
+    n = patch.n_rim
+    center = patch.add_vertices(patch.positions[:n].mean(axis=0)[None], patch.wanted[:n].mean()[None])
+    corners = np.arange(n)
+    patch.triangles = np.stack([corners, (corners + 1) % n, np.full(n, center)], axis=1)
+    return patch
+
+
+def _refuse_doubled_triangle(start: Patch) -> None:
+    if start.n_rim == 3 and (start.collar < 3).all(axis=1).any():
+        raise CannotCloseError("It is the outline of a single triangle, so a face that closes it would lie on that one.")

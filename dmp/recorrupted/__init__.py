@@ -1,0 +1,1 @@
+"""The method 'recorrupted': a small network trained on recorrupted copies of one noisy mesh; see docs/method.md."""

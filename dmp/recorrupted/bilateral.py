@@ -1,0 +1,84 @@
+"""The second half of the network: bilateral filtering of the normals, with weights learnt on the face graph."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from dmp.recorrupted.passes import average_normals, follow_normals
+from dmp.recorrupted.products import Incidence, area_vectors, gather_corners, gather_neighbour_rows, gather_neighbours
+
+_N_GEOMETRY = 5
+_FIRST_SHARPNESS = 4.0
+
+
+class BilateralLayer(nn.Module):
+    """Weights for the neighbours from features of both faces, some passes of averaging the normals, some of moving vertices.
+
+    A weight depends on features and on angles and distances between the two faces alone, so the layer turns with the mesh.
+
+    Args:
+        width: channels of a face.
+        message_width: channels of what passes from face to face; these are the largest arrays of the whole network.
+        normal_passes: how often normals are averaged.
+        vertex_passes: how often vertices follow them.
+    """
+
+    def __init__(self, width: int, message_width: int, normal_passes: int, vertex_passes: int) -> None:
+        super().__init__()
+        self.normal_passes, self.vertex_passes = normal_passes, vertex_passes
+        self.of_source = nn.Linear(width, message_width, bias=False)
+        self.of_target = nn.Linear(width, message_width)
+        self.of_geometry = nn.Linear(_N_GEOMETRY, message_width, bias=False)
+        self.weight = nn.Linear(message_width, 1)
+        # Logarithm of kappa in exp(-kappa (1 - cosine)), which alone makes the classical bilateral filter: a good start.
+        self.sharpness = nn.Parameter(torch.tensor(_FIRST_SHARPNESS).log())
+        self.update = nn.Sequential(nn.Linear(width + message_width, width), nn.SiLU(), nn.Linear(width, width))
+        self.norm = nn.LayerNorm(width)
+        self.own_weight = nn.Linear(width, 1)
+        self.gate = nn.Linear(width, 1)
+        nn.init.zeros_(self.own_weight.weight)
+        nn.init.zeros_(self.gate.weight)
+        nn.init.constant_(self.gate.bias, 1.0)
+
+    def forward(self, positions: Tensor, hidden: Tensor, incidence: Incidence, level: float) -> tuple[Tensor, Tensor]:
+        """Return new positions, (V, 3), and new features of the faces, (F, H)."""
+        corners = gather_corners(positions, incidence)
+        vectors = area_vectors(corners)
+        areas = vectors.norm(dim=1) + 1e-8
+        normals = vectors / areas[:, None]
+        geometry, around = self._geometry(normals, corners.mean(dim=0), areas, incidence, level)
+        messages = functional.silu(
+            gather_neighbours(self.of_source(hidden), incidence) + (self.of_target(hidden) + self.of_geometry(geometry))
+        )
+        if not incidence.complete:
+            messages = messages * incidence.signs.abs()
+        alike = torch.exp(self.sharpness.exp() * (geometry[:, :, 0] - 1))
+        weights = functional.softplus(self.weight(messages))[:, :, 0] * alike * around * incidence.signs[:, :, 0]
+        hidden = self.norm(hidden + self.update(torch.cat([hidden, messages.sum(dim=0)], dim=1)))
+
+        own = functional.softplus(self.own_weight(hidden))[:, 0] * areas
+        normals = average_normals(own, weights, normals, incidence, self.normal_passes)
+        gates = torch.sigmoid(self.gate(hidden))[:, 0]
+        return follow_normals(positions, normals, gates, incidence, self.vertex_passes), hidden
+
+    def _geometry(
+        self, normals: Tensor, centres: Tensor, areas: Tensor, incidence: Incidence, level: float
+    ) -> tuple[Tensor, Tensor]:
+        """Return what a face sees of each neighbour, (3, F, G), and the area vectors' lengths of the neighbours, (3, F)."""
+        # Coordinates first, so that products run along the long dimension.
+        own = torch.cat([normals.t(), centres.t(), areas[None]])
+        around = gather_neighbour_rows(own, incidence)
+        there, away, area = around[:3], around[3:6] - own[3:6, None], around[6]
+        if not incidence.complete:
+            there = there * incidence.signs[:, :, 0]
+        here = own[:3, None]
+        seen = [
+            (there * here).sum(dim=0),
+            torch.sqrt((away * away).sum(dim=0) + 1e-12),
+            (away * here).sum(dim=0) / level,
+            (away * there).sum(dim=0) / level,
+            torch.log(area + 0.1),
+        ]
+        return torch.stack(seen).permute(1, 2, 0), area

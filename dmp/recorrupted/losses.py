@@ -1,0 +1,32 @@
+"""The two terms of the loss; for both the expectation over the noise is that against the true shape, plus a constant."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+
+def position_loss(predicted: Tensor, target: Tensor) -> Tensor:
+    """Return the mean over vertices of || q_i - t_i ||^2 for predicted and recorrupted positions, (N, 3) both."""
+    return (predicted - target).square().sum(dim=1).mean()
+
+
+def normal_loss(predicted: Tensor, target: Tensor, scale: Tensor) -> Tensor:
+    """Return the mean over faces of - n_f(q) . A_f(t) / Abar_f.
+
+    It is linear in the area vector of the target, whose expectation is the true area vector, so it rewards the cosine to
+    the *true* normals.
+
+    Args:
+        predicted: area vectors of the prediction, (N, 3); only their directions count.
+        target: area vectors of the recorrupted target, (N, 3).
+        scale: Abar, a positive length for each face, (N, 1).
+    """
+    normals = functional.normalize(predicted, dim=1, eps=1e-6)
+    return -(normals * target / scale).sum(dim=1).mean()
+
+
+def weighted(position: Tensor, normal: Tensor, normal_weight: float) -> Tensor:
+    """Return the total loss."""
+    return torch.add(position, normal, alpha=normal_weight)

@@ -1,0 +1,73 @@
+"""The network of the method: a learned bank of diffusions, then learned bilateral filtering."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy import sparse
+from torch import Tensor, nn
+
+from dmp.mesh import FloatArray, IntArray
+from dmp.operators import normalised_adjacency, to_torch
+from dmp.recorrupted.bilateral import BilateralLayer
+from dmp.recorrupted.face_graph import face_graph
+from dmp.recorrupted.filter_bank import FilterBank
+from dmp.recorrupted.products import Incidence
+from dmp.topology import adjacency
+
+
+@dataclass(frozen=True, eq=False)
+class Operators:
+    """What the network needs to know of a mesh.
+
+    Attributes:
+        half_lazy: P = (I + D^-1 A) / 2, (V, V) CSR.
+        propagation: D^(-1/2) (A + I) D^(-1/2), (V, V) CSR, symmetric.
+        incidence: of faces and vertices.
+    """
+
+    half_lazy: Tensor
+    propagation: Tensor
+    incidence: Incidence
+
+    @classmethod
+    def of(cls, faces: IntArray, n_vertices: int, normals: FloatArray, device: torch.device) -> Operators:
+        """Build the operators of a mesh whose faces (F, 3) have about the unit ``normals`` (F, 3)."""
+        neighbours = adjacency(faces, n_vertices)
+        valence = np.maximum(neighbours.sum(axis=1), 1.0)
+        half_lazy = 0.5 * (sparse.eye_array(n_vertices) + sparse.diags_array(1.0 / valence) @ neighbours)
+        return cls(
+            half_lazy=to_torch(sparse.csr_array(half_lazy), device),
+            propagation=to_torch(normalised_adjacency(faces, n_vertices), device),
+            incidence=Incidence.of(faces, n_vertices, face_graph(faces, normals), device),
+        )
+
+
+class RestorationNetwork(nn.Module):
+    """Maps positions to restored positions; turning or moving the input turns and moves the output.
+
+    Args:
+        layers: bilateral layers.
+        normal_passes: passes over the normals in each.
+        vertex_passes: passes over the vertices in each.
+        width: channels on the faces.
+    """
+
+    def __init__(
+        self, layers: int, normal_passes: int, vertex_passes: int, width: int = 24, message_width: int = 12
+    ) -> None:
+        super().__init__()
+        self.bank = FilterBank()
+        self.first = nn.Parameter(torch.zeros(1, width))
+        self.layers = nn.ModuleList([BilateralLayer(width, message_width, normal_passes, vertex_passes) for _ in range(layers)])
+
+    def forward(self, positions: Tensor, operators: Operators, level: float) -> Tensor:
+        """Return restored positions, (V, 3), of noisy ``positions`` (V, 3) with noise of about ``level``."""
+        incidence = operators.incidence
+        positions = self.bank(positions, operators.half_lazy, operators.propagation, incidence, level)
+        hidden = self.first.expand(incidence.n_faces, -1)
+        for layer in self.layers:
+            positions, hidden = layer(positions, hidden, incidence, level)
+        return positions

@@ -1,0 +1,83 @@
+"""What can be said about the noise of one mesh from that mesh alone: its level and its direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from dmp.geometry import vertex_normals
+from dmp.mesh import FloatArray, IntArray
+from dmp.topology import adjacency
+
+# Median length of a two-dimensional standard normal vector, sqrt(2 ln 2).
+_MEDIAN_RAYLEIGH = 1.1774100225154747
+_MAD_TO_SIGMA = 1.4826
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseModel:
+    """Independent Gaussian noise at each vertex: ``level`` along the normal, ``level * tangential`` across it.
+
+    Attributes:
+        level: standard deviation along the normal, in the units of the positions that it was estimated from.
+        tangential: standard deviation in each tangential direction over that along the normal, 0 to 1.
+        normals: unit normals of a lightly smoothed mesh, (V, 3).
+    """
+
+    level: float
+    tangential: float
+    normals: FloatArray
+
+
+def lightly_smoothed(positions: FloatArray, faces: IntArray, steps: int = 3) -> FloatArray:
+    """Return the positions after ``steps`` averages over the neighbours, (V, 3); a vertex without any stays."""
+    average = _averaging(faces, len(positions))
+    for _ in range(steps):
+        positions = average @ positions
+    return positions
+
+
+def _averaging(faces: IntArray, n_vertices: int) -> sparse.csr_array:
+    neighbours = adjacency(faces, n_vertices)
+    valence = neighbours.sum(axis=1)
+    lonely = sparse.diags_array((valence == 0).astype(np.float64))
+    return sparse.csr_array(sparse.diags_array(1.0 / np.maximum(valence, 1.0)) @ neighbours + lonely)
+
+
+def estimate_noise(positions: FloatArray, faces: IntArray) -> NoiseModel:
+    """Estimate level and direction of independent noise.
+
+    The level is the spread of L^3 y along the normal, with L = I - D^-1 A, each row divided by its length, which makes
+    it 1 for white noise of level 1; a smooth shape adds almost nothing to it, and sharp edges are trimmed off at three
+    robust standard deviations. The tangential share compares the median tangential and normal parts of L y. It is an
+    upper bound: an irregular triangulation looks like tangential noise.
+
+    Args:
+        positions: (V, 3).
+        faces: (F, 3).
+    """
+    n_vertices = len(positions)
+    normals = vertex_normals(lightly_smoothed(positions, faces), faces)
+    laplacian = sparse.csr_array(sparse.eye_array(n_vertices) - _averaging(faces, n_vertices))
+
+    cubed = sparse.csr_array(laplacian @ laplacian @ laplacian)
+    along = _normal_part(cubed @ positions, normals) / _row_lengths(cubed)
+    kept = along[np.abs(along) < 3 * _MAD_TO_SIGMA * np.median(np.abs(along))]
+    level = float(np.sqrt(np.mean(kept**2))) if len(kept) else 0.0
+
+    umbrella = (laplacian @ positions) / _row_lengths(laplacian)[:, None]
+    normal_part = _normal_part(umbrella, normals)
+    across = np.linalg.norm(umbrella - normal_part[:, None] * normals, axis=1)
+    spread = _MAD_TO_SIGMA * np.median(np.abs(normal_part))
+    tangential = float(np.median(across)) / _MEDIAN_RAYLEIGH / spread if spread > 0 else 1.0
+    return NoiseModel(level, min(1.0, tangential), normals)
+
+
+def _normal_part(vectors: FloatArray, normals: FloatArray) -> FloatArray:
+    return np.einsum("vc,vc->v", vectors, normals)
+
+
+def _row_lengths(matrix: sparse.csr_array) -> FloatArray:
+    return np.maximum(np.sqrt(np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()), 1e-12)

@@ -1,0 +1,130 @@
+"""Repeated passes over normals and over vertices, each block with a backward pass of its own.
+
+Written out by hand because autograd would keep and revisit every intermediate of every pass: these blocks are the inner
+loop of the network, and so they take a third of the time.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from dmp.recorrupted.products import Incidence
+
+_EPSILON = 1e-8
+
+
+def _face_matrix(own: Tensor, weights: Tensor, incidence: Incidence) -> Tensor:
+    """Return the CSR matrix (F, F) with ``own`` (F,) on the diagonal and ``weights`` (3, F) at the neighbours."""
+    values = torch.stack([own, *weights], dim=1)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Sparse CSR tensor support is in beta")
+        return torch.sparse_csr_tensor(
+            incidence.face_rows, incidence.face_columns, values.reshape(-1), size=(len(own), len(own)), check_invariants=False
+        )
+
+
+class _NormalPasses(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, own: Tensor, weights: Tensor, normals: Tensor, incidence: Incidence, passes: int) -> Tensor:
+        matrix = _face_matrix(own, weights, incidence)
+        stages, lengths = [normals], []
+        for _ in range(passes):
+            summed = matrix @ stages[-1]
+            length = summed.norm(dim=1, keepdim=True).clamp_min_(_EPSILON)
+            stages.append(summed / length)
+            lengths.append(length)
+        ctx.save_for_backward(own, weights)
+        # Kept aside, not as saved tensors: they are made here and nobody else can change them.
+        ctx.stages, ctx.lengths, ctx.incidence = stages, lengths, incidence
+        return stages[-1]
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor, Tensor, None, None]:
+        own, weights = ctx.saved_tensors
+        incidence, gradient = ctx.incidence, gradients[0]
+        transposed = _face_matrix(own, weights.reshape(-1).index_select(0, incidence.back).view(weights.shape), incidence)
+        of_sums = []
+        for stage, length in zip(reversed(ctx.stages[1:]), reversed(ctx.lengths), strict=True):
+            of_sum = (gradient - stage * (stage * gradient).sum(dim=1, keepdim=True)) / length
+            of_sums.append(of_sum)
+            gradient = transposed @ of_sum
+        if not of_sums:
+            return torch.zeros_like(own), torch.zeros_like(weights), gradient, None, None
+        before, after = torch.cat(ctx.stages[-2::-1], dim=1), torch.cat(of_sums, dim=1)
+        around = before.index_select(0, incidence.neighbours).view(3, *before.shape)
+        return (after * before).sum(dim=1), (after * around).sum(dim=2), gradient, None, None
+
+
+class _VertexPasses(torch.autograd.Function):
+    # Coordinates come first in here, (3, V) and (3, F), so that products run along the long dimension.
+    @staticmethod
+    def forward(ctx: Any, positions: Tensor, normals: Tensor, gates: Tensor, incidence: Incidence, passes: int) -> Tensor:
+        normals = normals.t().contiguous()
+        moved = positions.t().contiguous()
+        kept = []
+        for _ in range(passes):
+            corners = moved.index_select(1, incidence.corners).view(3, 3, -1)
+            heights = (corners * normals[:, None]).sum(dim=0)
+            distances = heights.mean(dim=0) - heights
+            kept.append((corners, distances))
+            moved = moved + _to_vertices((distances * gates) * normals[:, None], incidence)
+        ctx.save_for_backward(normals, gates)
+        ctx.kept, ctx.incidence = kept, incidence
+        return moved.t().contiguous()
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor, Tensor, None, None]:
+        normals, gates = ctx.saved_tensors
+        incidence, gradient = ctx.incidence, gradients[0].t().contiguous()
+        of_normals, of_gates = torch.zeros_like(normals), torch.zeros_like(gates)
+        counts = incidence.corner_counts.t()
+        for corners, distances in reversed(ctx.kept):
+            around = (gradient / counts).index_select(1, incidence.corners).view(3, 3, -1)
+            along = (around * normals[:, None]).sum(dim=0)
+            of_gates = of_gates + (distances * along).sum(dim=0)
+            of_distances = along * gates
+            of_heights = of_distances.mean(dim=0) - of_distances
+            of_normals = of_normals + gates * (distances * around).sum(dim=1) + (of_heights * corners).sum(dim=1)
+            gradient = gradient + _summed(of_heights * normals[:, None], incidence)
+        return gradient.t().contiguous(), of_normals.t(), of_gates, None, None
+
+
+def _summed(values: Tensor, incidence: Incidence) -> Tensor:
+    """Sum values at the corners, (3 coordinates, 3 corners, F), at each vertex, (3, V)."""
+    return (incidence.corner_sum @ values.view(3, -1).t().contiguous()).t()
+
+
+def _to_vertices(values: Tensor, incidence: Incidence) -> Tensor:
+    return (_summed(values, incidence).t() / incidence.corner_counts).t()
+
+
+def average_normals(own: Tensor, weights: Tensor, normals: Tensor, incidence: Incidence, passes: int) -> Tensor:
+    """Replace each normal, ``passes`` times, by the unit vector along the weighted sum of itself and its neighbours.
+
+    Args:
+        own: weights of the faces themselves, (F,).
+        weights: weights of the faces in the slots, with the sign of their orientation and 0 in empty ones, (3, F).
+        normals: unit normals, (F, 3).
+        incidence: of the mesh.
+        passes: how often.
+    """
+    return _NormalPasses.apply(own, weights, normals, incidence, passes)  # type: ignore[no-untyped-call]
+
+
+def follow_normals(positions: Tensor, normals: Tensor, gates: Tensor, incidence: Incidence, passes: int) -> Tensor:
+    """Move each vertex, ``passes`` times, by the mean over its faces of g_f n_f (n_f . (c_f - x)), c_f the centroid.
+
+    The vertex update of Sun et al. ("Fast and effective feature-preserving mesh denoising", 2007) with a gate a face.
+
+    Args:
+        positions: (V, 3).
+        normals: unit normals that the faces shall have, (F, 3).
+        gates: g, (F,), 0 to 1.
+        incidence: of the mesh.
+        passes: how often.
+    """
+    return _VertexPasses.apply(positions, normals, gates, incidence, passes)  # type: ignore[no-untyped-call]

@@ -1,0 +1,185 @@
+"""Training on recorrupted copies of one noisy mesh: the network never sees the noise that it is judged by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from dmp.errors import TrainingError
+from dmp.geometry import face_area_vectors, normalised
+from dmp.mesh import FloatArray
+from dmp.problem import Problem
+from dmp.recorrupted.filter_bank import diffusions, invariants
+from dmp.recorrupted.losses import normal_loss, position_loss, weighted
+from dmp.recorrupted.network import Operators, RestorationNetwork
+from dmp.recorrupted.noise_model import NoiseModel, estimate_noise, lightly_smoothed
+from dmp.recorrupted.patches import Patch, patches, whole
+from dmp.recorrupted.products import area_vectors
+from dmp.settings import Settings
+from dmp.training import Training
+
+# Below this level, in mean edge lengths, features are not divided by the noise any more.
+_LEAST_LEVEL = 0.01
+_LARGEST_GRADIENT = 2.0
+# Area vectors of a lightly smoothed mesh scale the normal term; a sliver's would let its noise count without bound.
+_LEAST_AREA_VECTOR = 0.15
+# The learning rate falls along a cosine to this share of its first value.
+_LAST_RATE = 0.05
+# and grows from nothing over so many steps: Adam's first steps are as long as the rate, however small the gradient.
+_WARM_UP = 20
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A patch as tensors: positions, operators, and what the losses look at."""
+
+    patch: Patch
+    operators: Operators
+    positions: Tensor
+    normals: Tensor
+    area_scale: Tensor
+    judged_vertices: Tensor | None
+    judged_faces: Tensor | None
+
+
+class RecorruptedTraining(Training):
+    """Trains a network to restore the mesh from copies with more noise, judged by copies with independent noise.
+
+    Each step draws z, feeds y + sigma z and asks for y - sigma z: for Gaussian noise of level sigma the errors of the two
+    are independent (Pang et al., "Recorrupted-to-Recorrupted", CVPR 2021). The prediction is the network's output for y.
+    """
+
+    def __init__(self, problem: Problem, settings: Settings, *, run_id: str | None = None) -> None:
+        super().__init__(problem, settings, np.zeros(0, dtype=np.int64), run_id)
+        faces = problem.mesh.faces
+        positions = (problem.target - problem.origin) / problem.edge_length
+        self.noise = _with_settings(estimate_noise(positions, faces), settings)
+        self._level = max(self.noise.level, _LEAST_LEVEL)
+        self._scale = problem.edge_length / problem.unit
+
+        smoothed = lightly_smoothed(positions, faces)
+        areas = face_area_vectors(smoothed, faces)
+        everything = whole(faces, len(positions))
+        self._whole = self._piece(everything, positions, areas)
+        parts = patches(smoothed, faces, settings.patch_size)
+        self._pieces = [self._whole] if len(parts) == 1 else [self._piece(part, positions, areas) for part in parts]
+
+        self._generator = torch.Generator().manual_seed(settings.seed)
+        # Forked, so that the caller's own random numbers stay as they were.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(settings.seed)
+            network = RestorationNetwork(settings.bilateral_layers, settings.normal_passes, settings.vertex_passes)
+        self._network = network.to(self.device)
+        first = self._pieces[0]
+        differences, normals = diffusions(
+            first.positions + self._noise(first), first.operators.half_lazy, first.operators.incidence
+        )
+        network.bank.standardise(invariants(differences, normals, self._level)[0])
+        self._optimiser = torch.optim.Adam(self._network.parameters(), lr=settings.learning_rate, fused=True)
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of trained values in the network."""
+        return sum(parameter.numel() for parameter in self._network.parameters())
+
+    def _piece(self, patch: Patch, positions: FloatArray, areas: FloatArray) -> _Piece:
+        own = areas[patch.face_indices]
+        scale = np.maximum(np.linalg.norm(own, axis=1, keepdims=True), _LEAST_AREA_VECTOR)
+        everywhere = len(patch.judged_vertices) == len(patch.vertices)
+        return _Piece(
+            patch=patch,
+            operators=Operators.of(patch.faces, len(patch.vertices), normalised(own), self.device),
+            positions=self._tensor(positions[patch.vertices]),
+            normals=self._tensor(self.noise.normals[patch.vertices]),
+            area_scale=self._tensor(scale if everywhere else scale[patch.judged_faces]),
+            judged_vertices=None if everywhere else torch.from_numpy(patch.judged_vertices).to(self.device),
+            judged_faces=None if everywhere else torch.from_numpy(patch.judged_faces).to(self.device),
+        )
+
+    def _noise(self, piece: _Piece) -> Tensor:
+        # Drawn on the processor, so that a run does not depend on the device.
+        noise = torch.randn(piece.positions.shape, generator=self._generator).to(self.device)
+        if self.noise.tangential < 1:
+            along = (noise * piece.normals).sum(dim=1, keepdim=True) * piece.normals
+            noise = along + self.noise.tangential * (noise - along)
+        return self.noise.level * noise
+
+    def _forward(self) -> dict[str, Tensor]:
+        chosen = torch.randint(len(self._pieces), (), generator=self._generator) if len(self._pieces) > 1 else 0
+        piece = self._pieces[int(chosen)]
+        noise = self._noise(piece)
+        output = self._network(piece.positions + noise, piece.operators, self._level)
+        target = piece.positions - noise
+        position = position_loss(_rows(output, piece.judged_vertices), _rows(target, piece.judged_vertices))
+        faces = piece.operators.incidence.corners.view(3, -1)
+        if piece.judged_faces is not None:
+            faces = faces.index_select(1, piece.judged_faces)
+        predicted = area_vectors(_corners(output, faces))
+        normal = normal_loss(predicted, area_vectors(_corners(target, faces)), piece.area_scale)
+        total = weighted(position, normal, self.settings.normal_weight)
+        return {"total_loss": total, "position_loss": position, "normal_loss": normal}
+
+    def _losses_before(self) -> Mapping[str, Tensor]:
+        # With the random numbers put back, so that a training that is asked for its first record is no other training.
+        before = self._generator.get_state()
+        with torch.no_grad():
+            losses = self._forward()
+        self._generator.set_state(before)
+        return losses
+
+    def _compute_gradients(self) -> Mapping[str, Tensor]:
+        losses = self._forward()
+        self._optimiser.zero_grad(set_to_none=True)
+        losses["total_loss"].backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(self._network.parameters(), _LARGEST_GRADIENT)
+        return {name: value.detach() for name, value in losses.items()}
+
+    def _apply_gradients(self) -> None:
+        progress = min(self.step / self.settings.steps, 1.0)
+        rate = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + np.cos(np.pi * progress))
+        rate *= min(1.0, (self.step + 1) / _WARM_UP)
+        for group in self._optimiser.param_groups:
+            group["lr"] = self.settings.learning_rate * float(rate)
+        self._optimiser.step()
+
+    @torch.no_grad()
+    def _prediction(self) -> Tensor:
+        return self._network(self._whole.positions, self._whole.operators, self._level) * self._scale
+
+    def _weights(self) -> dict[str, Any]:
+        return {
+            "network": self._network.state_dict(),
+            "optimiser": self._optimiser.state_dict(),
+            "generator": self._generator.get_state(),
+        }
+
+    def _load_weights(self, state: Mapping[str, Any]) -> None:
+        if len(state["optimiser"]["param_groups"][0]["params"]) != len(list(self._network.parameters())):
+            raise TrainingError("The checkpoint belongs to a network of another depth.")
+        self._network.load_state_dict(state["network"])
+        self._optimiser.load_state_dict(state["optimiser"])
+        self._generator.set_state(state["generator"].cpu())
+
+    def _tensor(self, values: FloatArray) -> Tensor:
+        return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32)).to(self.device)
+
+
+def _rows(values: Tensor, indices: Tensor | None) -> Tensor:
+    return values if indices is None else values.index_select(0, indices)
+
+
+def _corners(positions: Tensor, faces: Tensor) -> Tensor:
+    return positions.index_select(0, faces.reshape(-1)).view(3, -1, 3)
+
+
+def _with_settings(noise: NoiseModel, settings: Settings) -> NoiseModel:
+    return NoiseModel(
+        settings.noise_level or noise.level,
+        noise.tangential if settings.noise_tangential < 0 else settings.noise_tangential,
+        noise.normals,
+    )

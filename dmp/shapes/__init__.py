@@ -1,0 +1,1 @@
+"""Clean meshes made by formulas: the samples that come with the program, and shapes for development and tests."""
