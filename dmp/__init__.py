@@ -24,6 +24,7 @@ _HOME = {
     "DmpError": "errors",
     "MeshError": "errors",
     "MeshFileError": "errors",
+    "NoHolesError": "errors",
     "RunError": "errors",
     "SettingsError": "errors",
     "TrainingError": "errors",
@@ -35,6 +36,9 @@ _HOME = {
     "add_noise": "noise",
     "Problem": "problem",
     "denoising": "problem",
+    "completion": "completion",
+    "fill_holes": "holes",
+    "boundary_loops": "boundary",
     "Run": "runs",
     "list_runs": "runs",
     "record": "runs",
@@ -52,7 +56,10 @@ _HOME = {
 __all__ = [*sorted(_HOME), "__version__"]  # noqa: PLE0604
 
 if TYPE_CHECKING:
-    from dmp.errors import DmpError, MeshError, MeshFileError, RunError, SettingsError, TrainingError
+    from dmp.boundary import boundary_loops
+    from dmp.completion import completion
+    from dmp.errors import DmpError, MeshError, MeshFileError, NoHolesError, RunError, SettingsError, TrainingError
+    from dmp.holes import fill_holes
     from dmp.mesh import TriangleMesh
     from dmp.meshio import read_mesh, read_mesh_with_notes, write_mesh
     from dmp.methods import train, training_for

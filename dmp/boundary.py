@@ -88,9 +88,7 @@ def boundary_loops(mesh: TriangleMesh) -> tuple[BoundaryLoop, ...]:
     broken[component[n_out != n_in]] = True
     is_broken = broken[component[half_edges[:, 0]]]
 
-    found: list[tuple[IntArray, str]] = []
-    for chain in _groups(half_edges[is_broken], component):
-        found.append((chain, CROWDED if crowded[chain].any() else TWISTED))
+    found = [(chain, CROWDED if crowded[chain].any() else TWISTED) for chain in _groups(half_edges[is_broken], component)]
     closed = half_edges[~is_broken]
     for loop in _walk(closed, _next_half_edges(mesh, closed, n_out)):
         edges = closed[loop]

@@ -18,7 +18,7 @@ from rich.console import Console
 
 from dmp import __version__
 from dmp.errors import DmpError, MeshFileError
-from dmp.settings import SETTING_FIELDS, Settings, choices, settings_for
+from dmp.settings import DENOISE_TOO, SETTING_FIELDS, Settings, choices, settings_for
 
 if TYPE_CHECKING:
     from dmp.mesh import TriangleMesh
@@ -61,6 +61,8 @@ TrainingOptions = Annotated[SettingOptions | None, Parameter(name="*", group="Se
 
 MeshPath = Annotated[Path, Parameter(help="Mesh file: OBJ, PLY, STL or OFF.")]
 OutPath = Annotated[Path, Parameter(name=["--output", "-o"], help="Where to write; the suffix chooses the format.")]
+RunPath = Annotated[Path | None, Parameter(help="Run folder to write; a new one in your data folder by default.")]
+ReportPath = Annotated[Path | None, Parameter(help="Write a JSON report here.")]
 Quiet = Annotated[bool, Parameter(name=["--quiet", "-q"], help="Say nothing but errors.")]
 Verbose = Annotated[bool, Parameter(name=["--verbose", "-v"], help="Say more.")]
 AsJson = Annotated[bool, Parameter(name="--json", help="Print JSON.")]
@@ -104,23 +106,91 @@ def denoise(
     output: OutPath,
     ground_truth: Annotated[Path | None, Parameter(help="Clean version of the mesh, only to measure by.")] = None,
     keep: Keep = "auto",
-    run: Annotated[Path | None, Parameter(help="Run folder to write; a new one in your data folder by default.")] = None,
-    report: Annotated[Path | None, Parameter(help="Write a JSON report here.")] = None,
+    run: RunPath = None,
+    report: ReportPath = None,
     options: TrainingOptions = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
     """Remove the noise from a mesh: train on it, and save the prediction of one step."""
+    settings = settings_for("denoise", **_given(options))
+    return _restore(
+        mesh,
+        settings,
+        output=output,
+        ground_truth=ground_truth,
+        keep=keep,
+        run=run,
+        report=report,
+        quiet=quiet,
+        verbose=verbose,
+    )
+
+
+@app.command
+def complete(
+    mesh: MeshPath,
+    /,
+    *,
+    output: OutPath,
+    denoise_too: Annotated[
+        bool, Parameter(name="--denoise", help="Remove noise as well: the known vertices take the prediction too.")
+    ] = False,
+    ground_truth: Annotated[Path | None, Parameter(help="The complete mesh in the same place, only to measure by.")] = None,
+    keep: Keep = "auto",
+    run: RunPath = None,
+    report: ReportPath = None,
+    options: TrainingOptions = None,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> int:
+    """Fill the holes of a mesh, and let the network carry the mesh's own structure into them."""
+    from dmp.errors import NoHolesError
+    from dmp.meshio import write_mesh
+
+    given = _given(options)
+    settings = settings_for("complete", **({**DENOISE_TOO, **given} if denoise_too else given))
+    try:
+        return _restore(
+            mesh,
+            settings,
+            output=output,
+            ground_truth=ground_truth,
+            keep=keep,
+            run=run,
+            report=report,
+            quiet=quiet,
+            verbose=verbose,
+        )
+    except NoHolesError as error:
+        write_mesh(output, _load(mesh, quiet=True))
+        _say(f"{mesh}: {error} It was written to {output} as it is.", quiet)
+        return EXIT_DONE
+
+
+def _restore(
+    mesh: Path,
+    settings: Settings,
+    *,
+    output: Path,
+    ground_truth: Path | None,
+    keep: str,
+    run: Path | None,
+    report: Path | None,
+    quiet: bool,
+    verbose: bool,
+) -> int:
     from dmp.cli_training import check_keep, save_result, train_into
-    from dmp.problem import denoising
+    from dmp.completion import problem_for
     from dmp.runs import Run
 
-    settings = settings_for("denoise", **_given(options))
     check_keep(keep, settings, has_truth=ground_truth is not None)
     _check_output(output)
-    noisy = _load(mesh, quiet)
+    damaged = _load(mesh, quiet)
     truth = None if ground_truth is None else _load(ground_truth, quiet)
-    problem = denoising(noisy, settings, truth)
+    problem = problem_for(damaged, settings, truth)
+    for note in problem.notes:
+        _say(note, quiet)
     made = Run.create(problem, settings, folder=run, input_path=mesh, ground_truth_path=ground_truth)
     finished = train_into(made, quiet=quiet, verbose=verbose)
     return save_result(made, finished, keep=keep, output=output, report=report, quiet=quiet)
@@ -134,7 +204,7 @@ def resume(
     steps: Annotated[int | None, Parameter(help="Train until this step instead of the one it was started with.")] = None,
     output: Annotated[Path | None, Parameter(name=["--output", "-o"], help="Save the result here as well.")] = None,
     keep: Keep = "auto",
-    report: Annotated[Path | None, Parameter(help="Write a JSON report here.")] = None,
+    report: ReportPath = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:

@@ -61,10 +61,11 @@ def choose_step(run: Run, wanted: str) -> int:
             raise RunError(f"No step was marked to be kept in {run.folder}. Name one with --step.")
         return run.kept_step
     if wanted == "best":
-        measured = [row for row in run.curve() if "mad" in row and row["step"] in steps]
+        name = "hole_distance" if run.settings.task == "complete" else "mad"
+        measured = [row for row in run.curve() if name in row and row["step"] in steps]
         if not measured:
             raise RunError(f"The run in {run.folder} had no ground truth to judge by.")
-        return int(min(measured, key=lambda row: row["mad"])["step"])
+        return int(min(measured, key=lambda row: row[name])["step"])
     if wanted.isdecimal() and int(wanted) in steps:
         return int(wanted)
     nearest = min(steps, key=lambda step: abs(step - int(wanted))) if wanted.isdecimal() else steps[-1]
@@ -87,7 +88,8 @@ def train_into(run: Run, *, steps: int | None = None, quiet: bool = False, verbo
             f"{training.device}, {training.threads} threads"
         )
     if problem.ground_truth is not None:
-        console.print(f"Input: {_measures(problem.ground_truth.measures(problem.target))}")
+        before = "Hole filling alone" if run.settings.task == "complete" else "Input"
+        console.print(f"{before}: {_measures(problem.ground_truth.measures(problem.target))}")
     shown_warnings = 0
     with _interruption() as interrupted:
         records = record(training, run)
@@ -102,7 +104,7 @@ def train_into(run: Run, *, steps: int | None = None, quiet: bool = False, verbo
                     break
         finally:
             records.close()  # type: ignore[attr-defined]
-    return training.step >= run.settings.steps
+    return training.is_done
 
 
 def save_result(run: Run, finished: bool, *, keep: str, output: Path | None, report: Path | None, quiet: bool) -> int:
@@ -129,14 +131,20 @@ def save_result(run: Run, finished: bool, *, keep: str, output: Path | None, rep
         notes = write_mesh(output, run.mesh_at(step))
         reason = f" {suggestion.reason}" if suggestion and keep == "auto" else ""
         console.print(" ".join((f"Step {step} written to {output}.{reason}", *notes)), markup=False)
-    metrics = run.snapshot(step).metrics
-    if "mad" in metrics:
-        console.print(f"Result: {_measures(metrics)}")
+    if measured := _measures(run.snapshot(step).metrics):
+        console.print(f"Result: {measured}")
     return _EXIT_DONE
 
 
 def _measures(values: Mapping[str, float]) -> str:
-    return f"MAD {values['mad']:.2f} degrees, vertex error {values['vertex_error']:.3f} mean edge lengths"
+    """Return the measures against a ground truth as words, or nothing."""
+    words = {
+        "mad": "MAD {:.2f} degrees",
+        "vertex_error": "vertex error {:.3f} mean edge lengths",
+        "hole_distance": "inserted vertices {:.3f} mean edge lengths from the true surface",
+        "hole_normal_error": "inserted faces off by {:.1f} degrees",
+    }
+    return ", ".join(text.format(values[name]) for name, text in words.items() if name in values)
 
 
 @contextmanager
@@ -189,5 +197,8 @@ def _with_progress(records: Iterator[StepRecord], first: int, last: int, console
 
 
 def _headline(item: StepRecord) -> str:
-    names = {"total_loss": "loss", "held_out_error": "held-out error", "mad": "MAD"}
+    names = {
+        "total_loss": "loss", "held_out_error": "held-out error", "inserted_movement": "movement", "mad": "MAD",
+        "hole_distance": "distance",
+    }  # fmt: skip
     return ", ".join(f"{label} {item.metrics[name]:.4g}" for name, label in names.items() if name in item.metrics)

@@ -17,6 +17,10 @@ class MeshError(DmpError):
     """A mesh that cannot be used for what was asked."""
 
 
+class NoHolesError(MeshError):
+    """A mesh without any hole that can be filled: nothing is wrong, and there is nothing to do."""
+
+
 class MeshFileError(MeshError):
     """A mesh file that cannot be read or written.
 

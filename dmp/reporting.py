@@ -7,6 +7,9 @@ from typing import Any
 
 from dmp.runs import Run
 
+# Metrics that compare with a ground truth.
+TRUTH_MEASURES = ("mad", "vertex_error", "hole_distance", "hole_normal_error")
+
 
 def peak_memory_mb() -> float | None:
     """Return the largest resident memory of this process so far in MB, or None where the system does not tell."""
@@ -32,7 +35,7 @@ def run_report(run: Run, result_step: int) -> dict[str, Any]:
     suggestion = run.suggestion()
     seconds = curve[-1]["seconds"] if curve else 0.0
     steps = int(curve[-1]["step"]) if curve else 0
-    result = {name: value for name, value in run.snapshot(result_step).metrics.items() if name in ("mad", "vertex_error")}
+    result = {name: value for name, value in run.snapshot(result_step).metrics.items() if name in TRUTH_MEASURES}
     return {
         "mesh": str(run.input_path) if run.input_path else None,
         "run": str(run.folder),

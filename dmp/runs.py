@@ -296,10 +296,13 @@ class Run:
         return None if suggestion is None else suggestion.step
 
     def mesh_at(self, step: int) -> TriangleMesh:
-        """Return the predicted mesh at a step with the input's attributes and ``displacement`` from the base, (V, 3)."""
+        """Return the predicted mesh at a step with the input's attributes and ``displacement`` from the base, (V, 3).
+
+        A completion also carries ``inserted``, (V,) uint8, 1 for the vertices that hole filling inserted.
+        """
         problem = self.problem()
         vertices = self.snapshot(step).vertices
-        return problem.mesh.with_vertices(vertices).with_attributes(displacement=vertices - problem.base)
+        return _with_mask(problem).with_vertices(vertices).with_attributes(displacement=vertices - problem.base)
 
     # -- training ---------------------------------------------------------------------------------------------------
 

@@ -78,7 +78,8 @@ class Settings:
     )
     average: float = _setting(
         0.99,
-        "Decay of the running average of the outputs that is shown as the prediction; 0 shows each output itself.",
+        "Decay of the running average that is shown as the prediction: of the outputs, or with 'recorrupted' of the weights; "
+        "0 shows each output itself.",
         minimum=0.0,
         maximum=0.9999,
     )
@@ -130,8 +131,15 @@ _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
     },
     ("best", "denoise"): {
         "method": "recorrupted", "steps": 200, "snapshot_every": 10, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.0,
-        "average": 0.0,
+        "average": 0.97,
     },
+}  # fmt: skip
+
+
+# What a completion that also denoises changes: the prediction everywhere, under the settings of denoising.
+DENOISE_TOO: Mapping[str, Any] = {
+    "known_vertices": "predict", "laplacian_weight": 1.4, "learning_rate": 0.01, "hold_out": 0.03, "rest_movement": 0.0,
+    "steps": 1000, "snapshot_every": 25, "log_every": 5,
 }  # fmt: skip
 
 

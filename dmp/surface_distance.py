@@ -106,7 +106,8 @@ class _BoxTree:
         """Return distances and face indices, or None when the points should rather be asked in smaller groups."""
         points = points - self.origin
         # The tolerance keeps rounding from cutting off the box of the very triangle that gave the bound.
-        bound = (self.corners.query(points)[0] * (1 + 1e-9)) ** 2 + np.finfo(float).tiny
+        to_corner = np.asarray(self.corners.query(points)[0], dtype=np.float64)
+        bound = (to_corner * (1 + 1e-9)) ** 2 + np.finfo(float).tiny
         top = len(self.levels[-1][0])
         if may_split and len(points) * top > _MOST_PAIRS:
             return None

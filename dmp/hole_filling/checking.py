@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,8 +66,7 @@ def unfolded(patch: Patch) -> Patch:
     for width in (1, 2, 3):
         if not found.n:
             break
-        trial = copy.copy(best)
-        trial.positions = best.positions.copy()
+        trial = best.copy()
         averaging = neighbour_means(trial.triangles, trial.n_vertices)
         near = np.zeros(trial.n_vertices, dtype=bool)
         near[found.vertices] = True

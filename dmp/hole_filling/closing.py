@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from dmp.geometry import face_areas
@@ -24,14 +21,6 @@ _TOO_LARGE = f"Closing it at the density around it would take more than {MOST_IN
 _COARSE_RIM = 40
 # Thin plate first; where that folds, which noise at the rim can bring about, more and more of a membrane.
 _TENSIONS = (0.0, 0.3, np.inf)
-
-
-@dataclass
-class Closed:
-    """A closed hole: the patch, and whether its vertices stem from MeshLab; ``remarks`` say what did not go as planned."""
-
-    patch: Patch
-    remarks: list[str] = field(default_factory=list)
 
 
 def surroundings(vertices: FloatArray, faces: IntArray, rim: IntArray) -> tuple[Patch, IntArray]:
@@ -63,11 +52,14 @@ def surroundings(vertices: FloatArray, faces: IntArray, rim: IntArray) -> tuple[
     return Patch(positions, np.empty((0, 3), dtype=np.int64), collar, wanted, n_rim, n, outside_edges), names
 
 
-def close_hole(start: Patch) -> Closed:
+def close_hole(start: Patch) -> tuple[Patch, list[str]]:
     """Fill a hole by our own triangulation, refinement and fairing.
 
     Args:
         start: the surroundings of the hole; not changed.
+
+    Returns:
+        the patch, and remarks about what did not go as planned, each the end of a sentence that begins with "The hole".
 
     Raises:
         CannotCloseError: when the patch would double existing faces, be too large, or fold back on the mesh around it.
@@ -75,9 +67,11 @@ def close_hole(start: Patch) -> Closed:
     _refuse_doubled_triangle(start)
     remarks: list[str] = []
     triangles = triangulated(start.positions[: start.n_rim], outside_normals(start), start.outside_edges)
-    begin = copy.copy(start)
+    begin = start.copy()
     if triangles is None:
-        remarks.append("is closed around a new vertex in its middle, because the mesh joins too many of its rim vertices already")
+        remarks.append(
+            "is closed around a new vertex in its middle, because the mesh joins too many of its rim vertices already"
+        )
         begin = _fan(start)
     else:
         begin.triangles = triangles
@@ -90,7 +84,7 @@ def close_hole(start: Patch) -> Closed:
 
     best: Patch | None = None
     for tension in _TENSIONS:
-        patch = copy.copy(begin)
+        patch = begin.copy()
         _shape(patch, tension)
         patch = unfolded(patch)
         if best is None or folds(patch).n_inner < folds(best).n_inner:
@@ -98,7 +92,22 @@ def close_hole(start: Patch) -> Closed:
         if folds(best).n_inner == 0 or best.n_inserted > MOST_DIRECT:
             break
     assert best is not None
-    return Closed(best, remarks + remarks_on(best))
+    return best, remarks + remarks_on(best)
+
+
+def finished(patch: Patch) -> tuple[Patch, list[str]]:
+    """Make a patch that somebody else triangulated and refined fair; the answer is that of :func:`close_hole`.
+
+    Raises:
+        CannotCloseError: as there.
+    """
+    flip_edges(patch)
+    fair(patch)
+    spread_vertices(patch, 3)
+    flip_edges(patch)
+    fair(patch)
+    patch = unfolded(patch)
+    return patch, remarks_on(patch)
 
 
 def _shape(patch: Patch, tension: float) -> None:
@@ -130,7 +139,7 @@ def _shape(patch: Patch, tension: float) -> None:
 
 def _fan(start: Patch) -> Patch:
     """Join every side of the rim to one new vertex: no edge of such a patch can exist already."""
-    patch = copy.copy(start)
+    patch = start.copy()
     n = patch.n_rim
     center = patch.add_vertices(patch.positions[:n].mean(axis=0)[None], patch.wanted[:n].mean()[None])
     corners = np.arange(n)

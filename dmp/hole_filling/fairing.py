@@ -71,7 +71,12 @@ def harmonic(patch: Patch, values: FloatArray) -> FloatArray:
 
 
 def cotangent_laplacian(positions: FloatArray, faces: IntArray) -> tuple[sparse.csr_array, FloatArray]:
-    """Return the weak Laplacian L (N, N), rows adding up to 0 with a positive diagonal, and a third of the area around each vertex."""
+    """Return the weak Laplacian and the areas of the vertices.
+
+    Returns:
+        L, (N, N), symmetric, rows adding up to 0, the diagonal positive; and a third of the area of the faces around
+        each vertex, (N,), kept away from 0.
+    """
     n = len(positions)
     double_area = np.linalg.norm(face_area_vectors(positions, faces), axis=1)
     floor = np.finfo(float).tiny
@@ -83,9 +88,7 @@ def cotangent_laplacian(positions: FloatArray, faces: IntArray) -> tuple[sparse.
         rows += [one, two]
         columns += [two, one]
         values += [cotangent / 2, cotangent / 2]
-    weights = sparse.csr_array(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n)
-    )
+    weights = sparse.csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n, n))
     weights.sum_duplicates()
     weights.data = np.maximum(weights.data, _SMALLEST_WEIGHT)
     laplacian = sparse.diags_array(np.asarray(weights.sum(axis=1)).ravel()) - weights

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dmp.geometry import face_area_vectors, normalised
-from dmp.hole_filling.patch import InnerEdges, Patch, edge_keys, half_edges, inner_edges
+from dmp.hole_filling.patch import InnerEdges, Patch, edge_keys, half_edges, inner_edges, pair_keys
 from dmp.mesh import BoolArray, FloatArray, IntArray
 
 _MOST_PASSES = 60
@@ -49,7 +49,8 @@ def smallest_angles(positions: FloatArray, triangles: IntArray) -> FloatArray:
     one, two, three = second - first, third - second, first - third
     largest = np.maximum(-np.einsum("kc,kc->k", one, three), -np.einsum("kc,kc->k", two, one))
     largest = np.maximum(largest, -np.einsum("kc,kc->k", three, two))
-    double_area = np.sqrt(np.einsum("kc,kc->k", *(2 * [_cross(one, two)])))
+    area_vectors = _cross(one, two)
+    double_area = np.sqrt(np.einsum("kc,kc->k", area_vectors, area_vectors))
     return np.arctan2(double_area, largest)
 
 
@@ -86,8 +87,8 @@ def _is_joined(patch: Patch, pairs: IntArray) -> BoolArray:
     asked = np.zeros(n, dtype=bool)
     asked[pairs[:, 0]] = True
     start, end = half_edges(patch.triangles[asked[patch.triangles].any(axis=1)])
-    existing = np.concatenate([edge_keys(start, end, n), edge_keys(*patch.outside_edges.T, n)])
-    return np.isin(edge_keys(*pairs.T, n), existing)
+    existing = np.concatenate([edge_keys(start, end, n), pair_keys(patch.outside_edges, n)])
+    return np.isin(pair_keys(pairs, n), existing)
 
 
 def _independent(triangles: IntArray, rank: IntArray, n_triangles: int) -> IntArray:
@@ -100,7 +101,7 @@ def _independent(triangles: IntArray, rank: IntArray, n_triangles: int) -> IntAr
 def _flip(patch: Patch, edges: InnerEdges, near: IntArray, chosen: IntArray) -> IntArray:
     """Flip the chosen edges and return the vertices of the triangles around them."""
     # Two flips in different places can ask for the same new edge; only one may have it.
-    _, unique = np.unique(edge_keys(*edges.opposite[chosen].T, patch.n_vertices), return_index=True)
+    _, unique = np.unique(pair_keys(edges.opposite[chosen], patch.n_vertices), return_index=True)
     chosen = chosen[unique]
     a, b = edges.ends[chosen].T
     c, d = edges.opposite[chosen].T

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -32,6 +32,10 @@ class Patch:
     n_rim: int
     n_fixed: int
     outside_edges: IntArray
+
+    def copy(self) -> Patch:
+        """Return a patch that can be changed without changing this one."""
+        return replace(self, positions=self.positions.copy(), wanted=self.wanted.copy())
 
     @property
     def n_vertices(self) -> int:
@@ -94,6 +98,11 @@ def half_edges(triangles: IntArray) -> tuple[IntArray, IntArray]:
 def edge_keys(start: IntArray, end: IntArray, n_vertices: int) -> IntArray:
     """Return one integer for each undirected edge."""
     return np.minimum(start, end) * n_vertices + np.maximum(start, end)
+
+
+def pair_keys(pairs: IntArray, n_vertices: int) -> IntArray:
+    """Return :func:`edge_keys` of pairs (E, 2)."""
+    return edge_keys(pairs[:, 0], pairs[:, 1], n_vertices)
 
 
 def inner_edges(triangles: IntArray, n_vertices: int) -> InnerEdges:

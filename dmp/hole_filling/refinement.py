@@ -13,7 +13,7 @@ from scipy import sparse
 
 from dmp.geometry import face_normals, vertex_normals
 from dmp.hole_filling.flipping import flip_edges
-from dmp.hole_filling.patch import Patch, edge_keys, inner_edges, neighbour_means
+from dmp.hole_filling.patch import Patch, edge_keys, inner_edges, neighbour_means, pair_keys
 from dmp.mesh import BoolArray, FloatArray, IntArray
 
 # An edge this much longer than wanted is halved: both halves are then less far from the wanted length than the whole.
@@ -142,7 +142,7 @@ def _spoils_triangles(patch: Patch, pairs: IntArray, longest: float) -> BoolArra
 
 
 def _apart(neighbours: sparse.csr_array, vertices: IntArray, ratio: FloatArray) -> IntArray:
-    """Choose candidates, smallest ratio first, whose closed neighbourhoods do not touch; row i of ``neighbours`` is vertex i's."""
+    """Choose candidates, smallest ratio first, whose closed neighbourhoods, the rows of ``neighbours``, do not touch."""
     rank = np.empty(len(ratio), dtype=np.int64)
     rank[np.argsort(ratio, kind="stable")] = np.arange(len(ratio))
     of = np.concatenate([np.repeat(np.arange(len(vertices)), np.diff(neighbours.indptr)), np.arange(len(vertices))])
@@ -157,7 +157,7 @@ def _apart(neighbours: sparse.csr_array, vertices: IntArray, ratio: FloatArray) 
 def _subdivided(triangles: IntArray, edges: IntArray, first_new: int, positions: FloatArray) -> IntArray:
     """Cut triangles at the middles of ``edges`` (M, 2), which are vertices ``first_new`` + 0..M-1."""
     n = len(positions)
-    keys = edge_keys(*edges.T, n)
+    keys = pair_keys(edges, n)
     order = np.argsort(keys)
     side = edge_keys(triangles, triangles[:, [1, 2, 0]], n)
     place = np.minimum(np.searchsorted(keys[order], side), len(keys) - 1)

@@ -76,7 +76,9 @@ def minimum_weight_triangulation(corners: FloatArray, outside_normals: FloatArra
         between = np.moveaxis(sliding_window_view(corners, count, axis=0), 2, 1)[1:length]  # (length - 1, count, 3)
         area_vector = np.cross(between - first, last - first)
         double_area = np.sqrt(np.einsum("tic,tic->ti", area_vector, area_vector))
-        normal = np.divide(area_vector, double_area[..., None], out=np.zeros_like(area_vector), where=double_area[..., None] > 0)
+        normal = np.divide(
+            area_vector, double_area[..., None], out=np.zeros_like(area_vector), where=double_area[..., None] > 0
+        )
 
         left, right = np.s_[1:length, :count], np.s_[length - 1 : 0 : -1, length:]
         cosine = np.minimum(_cosines(normal, by_start.normal[left]), _cosines(normal, by_end.normal[right]))

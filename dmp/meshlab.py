@@ -1,0 +1,148 @@
+"""The only way to MeshLab: pymeshlab in a child process, with a limit of time and memory.
+
+pymeshlab is never imported here. It brings a Qt of its own, which on Windows breaks other users of Qt in the process,
+some filters end the process on unlucky meshes, some never end, and its licence (GPL-3) is not ours: the two programs only
+exchange files. Whatever happens to the child becomes one sentence.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dmp.boundary import BoundaryLoop
+from dmp.errors import MeshError
+from dmp.mesh import FloatArray, IntArray, TriangleMesh
+
+TIME_LIMIT = 20.0  # seconds; no undamaged mesh of the size meant for this program has needed more than 2
+MEMORY_LIMIT = 6 * 2**30  # bytes; ten times what such a mesh needs
+
+_WORKER = Path(__file__).with_name("meshlab_worker.py")
+
+Filter = tuple[str, Mapping[str, Any]]
+
+
+def run_filters(
+    mesh: TriangleMesh,
+    filters: Sequence[Filter],
+    *,
+    face_values: FloatArray | None = None,
+    time_limit: float = TIME_LIMIT,
+    memory_limit: int = MEMORY_LIMIT,
+) -> tuple[FloatArray, IntArray]:
+    """Apply MeshLab filters to ``mesh``, one after the other.
+
+    Args:
+        mesh: what to start from; vertex attributes do not travel.
+        filters: names and parameters as pymeshlab's ``apply_filter`` takes them. A length is written
+            ``{"length": x}``, a share of the diagonal ``{"percentage": x}``.
+        face_values: (F,) a number for each face, which conditions of filters know as ``fq``.
+        time_limit: seconds after which the child is ended.
+        memory_limit: bytes of address space; not enforced on Windows.
+
+    Returns:
+        vertices (V', 3) and faces (F', 3).
+
+    Raises:
+        MeshError: when MeshLab is missing, refuses, crashes, takes too long or too much memory, or gives no valid mesh.
+    """
+    if mesh.n_faces == 0:
+        raise MeshError("MeshLab was not asked, because the mesh has no faces.")
+    values = np.zeros(mesh.n_faces) if face_values is None else np.asarray(face_values, dtype=np.float64)
+    # The child's folder and everything in it goes whatever happens.
+    with tempfile.TemporaryDirectory(prefix="dmp-meshlab-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        np.savez(folder / "input.npz", vertices=mesh.vertices, faces=mesh.faces, face_values=values)
+        (folder / "job.json").write_text(
+            json.dumps([[filter_name, dict(given)] for filter_name, given in filters]), encoding="utf-8"
+        )
+        _run_child(folder, time_limit, memory_limit)
+        try:
+            with np.load(folder / "output.npz", allow_pickle=False) as arrays:
+                result = TriangleMesh(arrays["vertices"], arrays["faces"])
+        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile, MeshError) as problem:
+            raise MeshError("MeshLab returned no valid mesh.") from problem
+    return result.vertices, result.faces
+
+
+def close_holes(
+    mesh: TriangleMesh,
+    loops: Sequence[BoundaryLoop],
+    edge_length: float,
+    *,
+    time_limit: float = TIME_LIMIT,
+    memory_limit: int = MEMORY_LIMIT,
+) -> tuple[FloatArray, IntArray]:
+    """Close the given holes with MeshLab's ``meshing_close_holes``, refined to edges of about ``edge_length``.
+
+    Which of the holes are closed is up to MeshLab: it leaves those that it cannot close without self-intersection.
+
+    Returns:
+        vertices and faces; those of ``mesh`` come first, unchanged.
+
+    Raises:
+        MeshError: as for :func:`run_filters`, and when MeshLab changed the mesh around the holes.
+    """
+    at_rim = np.zeros(mesh.n_vertices, dtype=bool)
+    for loop in loops:
+        at_rim[loop.vertices] = True
+    values: FloatArray = np.where(at_rim[mesh.faces].any(axis=1), 1.0, 0.0)
+    largest = max((loop.n_edges for loop in loops), default=0)
+    filters: list[Filter] = [
+        ("compute_selection_by_condition_per_face", {"condselect": "fq > 0.5"}),
+        (
+            "meshing_close_holes",
+            {
+                "maxholesize": largest + 1,
+                "selected": True,
+                "selfintersection": True,
+                "refinehole": True,
+                "refineholeedgelen": {"length": edge_length},
+            },
+        ),
+    ]
+    vertices, faces = run_filters(mesh, filters, face_values=values, time_limit=time_limit, memory_limit=memory_limit)
+    is_kept = np.array_equal(faces[: mesh.n_faces], mesh.faces) and np.array_equal(vertices[: mesh.n_vertices], mesh.vertices)
+    if not is_kept:
+        raise MeshError("MeshLab changed the mesh around the holes.")
+    return vertices, faces
+
+
+def _run_child(folder: Path, time_limit: float, memory_limit: int) -> None:
+    # -P keeps the folder of this package, with its modules of plain names, off the child's import path.
+    command = [sys.executable, "-P", str(_WORKER), str(folder), str(memory_limit)]
+    # Each BLAS thread reserves address space, which the limit counts.
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    try:
+        child = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=time_limit, check=False, cwd=folder, env=environment
+        )
+    except subprocess.TimeoutExpired as problem:
+        raise MeshError(f"MeshLab was stopped, because it took longer than {time_limit:g} seconds.") from problem
+    except OSError as problem:
+        raise MeshError(f"MeshLab could not be started: {problem.strerror}.") from problem
+    if child.returncode == 0:
+        return
+    lines = child.stderr.decode("utf-8", errors="replace").strip().splitlines()
+    said = lines[-1].strip().rstrip(".") if lines else "it gave no reason"
+    if child.returncode < 0:
+        try:
+            name = signal.Signals(-child.returncode).name
+        except ValueError:
+            name = f"signal {-child.returncode}"
+        raise MeshError(f"MeshLab crashed ({name}).")
+    if child.returncode == 3:
+        raise MeshError(f"MeshLab cannot be used here ({said}). Install it with 'pip install pymeshlab'.")
+    if child.returncode == 5:
+        raise MeshError(f"MeshLab needed more than {memory_limit / 2**30:.3g} GB of memory.")
+    raise MeshError(f"MeshLab could not do it: {said}.")
