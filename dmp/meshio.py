@@ -16,7 +16,8 @@ import numpy as np
 from dmp.errors import MeshFileError
 from dmp.files import atomic_write, in_words
 from dmp.formats.assemble import PolygonMesh, assemble
-from dmp.formats.obj import has_colours, read_obj, write_obj
+from dmp.formats.obj import read_obj
+from dmp.formats.obj_writing import has_colours, write_obj
 from dmp.formats.off import read_off, write_off
 from dmp.formats.ply import read_ply
 from dmp.formats.ply_writing import write_ply

@@ -71,14 +71,14 @@ def assemble(found: PolygonMesh) -> tuple[TriangleMesh, tuple[str, ...]]:
             "Turn points into a triangle mesh first, for example in MeshLab (Surface Reconstruction: Screened Poisson).",
         )
     _check_indices(found)
-    used = _used(found.corners, n_vertices)
-    diagonal = _check_extent(found.vertices[used] if not used.all() else found.vertices)
     corners, counts = _without_repetitions(found.corners, found.counts)
     n_too_small = int(np.count_nonzero(counts < 3))
     if n_too_small == len(counts):
         raise FormatError("no face has three different corners, so there is no surface", _RESAVE)
     if n_too_small:
         corners, counts = corners[np.repeat(counts >= 3, counts)], counts[counts >= 3]
+    used = _used(corners, n_vertices)
+    diagonal = _check_extent(found.vertices if used.all() else found.vertices[used])
     faces = triangulate(found.vertices, corners, counts)
     n_polygons = int(np.count_nonzero(counts > 3))
     if n_polygons:

@@ -14,7 +14,8 @@ from dmp.formats.source import FormatError, SourceFile
 from dmp.formats.text import UNCLOSED_NOTE, NumberTable, NumberTableBuilder, TextBlocks, show, transcode
 from dmp.mesh import FloatArray, IntArray, TriangleMesh
 
-KEYWORD = re.compile(rb"((?:ST|st)?[Cc]?(?:N|n(?=off))?4?)(n?)(?:OFF|off)")
+# Geomview has the letters in the order ST, C, N, 4, n; MeshLab writes NCOFF. Only in capitals a small n means dimensions.
+KEYWORD = re.compile(rb"(?P<kinds>(?:ST|C|N|4){0,4})(?P<dimensions>n?)OFF|(?P<small_kinds>(?:st|c|n|4){0,4})off")
 _BINARY = re.compile(rb"\s*(?:#[^\n\r]*\s+)*\w*OFF\s+BINARY\b")
 # Only after white space: some C libraries print what is not a number as "1.#IND".
 _REMARK = re.compile(rb"(?<!\S)#[^\n]*")
@@ -25,12 +26,16 @@ _ROWS = 20_000
 
 @dataclass(frozen=True)
 class _Layout:
-    """Which values a vertex has, in this order: position, weight, normal, colour, texture coordinates."""
+    """Which values a vertex has, in this order: position, weight, normal, colour, texture coordinates.
+
+    MeshLab, the only program known to write NCOFF instead of CNOFF, puts the colour before the normal.
+    """
 
     homogeneous: bool = False
     normals: bool = False
     colours: bool = False
     texture: bool = False
+    colours_first: bool = False
 
     @property
     def n_values(self) -> int:
@@ -86,14 +91,14 @@ def read_off(source: SourceFile) -> PolygonMesh:
 def _layout(keyword: bytes, rows: NumberTable, cursor: _Cursor) -> _Layout:
     match = KEYWORD.fullmatch(keyword)
     assert match is not None
-    prefix = match[1].upper()
-    if match[2]:
+    prefix = (match["kinds"] or match["small_kinds"] or b"").upper()
+    if match["dimensions"]:
         if not len(rows) or rows.counts[0] != 1 or rows.values[0] != 3 or b"4" in prefix:
             raise FormatError(
                 f"the file is of the kind '{show(keyword)}' and not three-dimensional", "Save it as a three-dimensional mesh."
             )
         cursor.number = cursor.line = 1
-    return _Layout(b"4" in prefix, b"N" in prefix, b"C" in prefix, b"ST" in prefix)
+    return _Layout(b"4" in prefix, b"N" in prefix, b"C" in prefix, b"ST" in prefix, colours_first=b"NC" in prefix)
 
 
 def _declared_counts(rows: NumberTable, cursor: _Cursor) -> tuple[int, int]:
@@ -143,13 +148,14 @@ def _read_vertices(
         vertices = vertices / weights
         column = 4
     attributes: dict[str, NDArray] = {}
+    n_colours = n_values - layout.n_values
+    if n_colours:
+        first = column + 3 * (layout.normals and not layout.colours_first)
+        attributes["color"] = _colours(table[:, first : first + n_colours])
+    column += n_colours
     if layout.normals:
         column += 3
         notes.append("Normals of the file were left out; they follow from the faces.")
-    n_colours = n_values - layout.n_values
-    if n_colours:
-        attributes["color"] = _colours(table[:, column : column + n_colours])
-        column += n_colours
     if layout.texture:
         attributes["texture_u"], attributes["texture_v"] = table[:, column], table[:, column + 1]
     return vertices, attributes
@@ -200,7 +206,7 @@ def _is_wrapped(ends: IntArray, n_values: int) -> bool:
 
 def _colours(values: FloatArray) -> NDArray:
     """Return colours as whole numbers of 0 to 255 where the file has such, else as they are."""
-    if values.max() > 1 and values.min() >= 0 and values.max() <= 255 and (values == np.floor(values)).all():
+    if values.size and values.max() > 1 and values.min() >= 0 and values.max() <= 255 and (values == np.floor(values)).all():
         return values.astype(np.uint8)
     return values
 

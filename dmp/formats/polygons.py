@@ -117,44 +117,6 @@ def _fan_covers(points: FloatArray) -> BoolArray:
     return ((areas * total).sum(axis=2) > smallest).all(axis=1)
 
 
-def _padded(sizes: IntArray) -> IntArray:
-    """Round up to a power of two, or one and a half times one, so that similar polygons can be handled together."""
-    power = 2 ** np.ceil(np.log2(sizes)).astype(np.int64)
-    return np.where(sizes <= power * 3 // 4, power * 3 // 4, power)
-
-
-def _check_budget(sizes: IntArray, n_corners: int) -> None:
-    budget = max(_CLIPPING_BUDGET, _CLIPPING_BUDGET_PER_CORNER * n_corners)
-    if len(sizes) and (sizes.max() > _MAXIMUM_CONCAVE_CORNERS or float((_padded(sizes).astype(float) ** 2).sum()) > budget):
-        raise FormatError(
-            f"{len(sizes):,} faces are concave polygons, the largest with {int(sizes.max()):,} corners: too much to split",
-            _SPLIT_FIRST,
-        )
-
-
-def _batches(rows: IntArray, counts: IntArray) -> Iterator[tuple[IntArray, int]]:
-    """Yield polygons of similar numbers of corners in batches of a bounded extent, with the length to pad them to."""
-    padded = _padded(counts[rows])
-    for width in np.unique(padded).tolist():
-        group = rows[padded == width]
-        step = max(1, _CLIPPING_BATCH_CORNERS // width)
-        for begin in range(0, len(group), step):
-            yield group[begin : begin + step], width
-
-
-def _normals(points: FloatArray) -> FloatArray:
-    """Return the area vectors of polygons (m, n, 3), from their first corner so that a far origin costs no digits."""
-    edges = points[:, 1:] - points[:, :1]
-    return np.cross(edges[:, :-1], edges[:, 1:]).sum(axis=1)
-
-
-def _fan_covers(points: FloatArray) -> BoolArray:
-    """Tell for polygons (m, n, 3) whether all fan triangles have an area and look the same way."""
-    edges = points[:, 1:] - points[:, :1]
-    areas = np.cross(edges[:, :-1], edges[:, 1:])
-    return ((areas * areas.sum(axis=1, keepdims=True)).sum(axis=2) > 0).all(axis=1)
-
-
 def _flatten(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Project polygons (m, n, 3) along the largest component of their normals.
 

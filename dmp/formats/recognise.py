@@ -55,7 +55,7 @@ _OTHER_TEXTS: tuple[tuple[bytes, str, str], ...] = (
 )
 _OBJ_VERTEX = re.compile(rb"(?:^|[\r\n])[ \t]*v[ \t]+[+-]?\.?\d")
 _FACET = re.compile(rb"facet\s+normal\s", re.IGNORECASE)
-_OFF_KEYWORD = re.compile(KEYWORD.pattern + rb"(?=\s|$)")
+_OFF_KEYWORD = re.compile(rb"(?:" + KEYWORD.pattern + rb")(?=\s|$)")
 _NUMBER = re.compile(rb"[+-]?\.?\d")
 _NAMES = {"obj": "OBJ", "ply": "PLY", "stl": "STL", "text stl": "STL", "off": "OFF"}
 _BEGINNINGS = {".ply": "'ply'", ".off": "'OFF'", ".stl": "'solid'"}

@@ -15,7 +15,9 @@ from dmp.mesh import IntArray, TriangleMesh
 HEADER_BYTES = 84
 FACET_BYTES = 50
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-_FACETS = 1 << 18
+_FACETS = 1 << 19
+# An odd number without a pattern: 2^64 divided by the golden ratio, as in Knuth's multiplicative hashing.
+_MIXER = np.uint64(0x9E3779B97F4A7C15)
 _RESAVE = "Save or copy the file again from where it came from."
 
 
@@ -100,7 +102,7 @@ def _order_of_equals(corners: NDArray) -> IntArray:
     bits = corners.view(np.uint32 if corners.dtype.itemsize == 4 else np.uint64).astype(np.uint64)
     key = np.zeros(len(corners), dtype=np.uint64)
     for axis in range(3):  # sorting one number that mixes the coordinates is several times faster than sorting rows
-        key = (key + bits[:, axis]) * np.uint64(0x9E3779B97F4A7C15)
+        key = (key + bits[:, axis]) * _MIXER
         key ^= key >> np.uint64(29)
     order = np.argsort(key)
     same_key = key[order][1:] == key[order][:-1]

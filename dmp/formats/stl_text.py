@@ -65,6 +65,7 @@ class _Reader:
             if self.in_solid and not self.position and not tried:
                 consumed = self._read_regular(block[start:], line)
                 line += block.count(b"\n", start, start + consumed)
+                self.line = line - 1
                 start += consumed
                 tried = True
                 if start == len(block):

@@ -8,10 +8,10 @@ import time
 from pathlib import Path
 
 import pytest
-from dmp.meshio import read_mesh, write_mesh
 
 from dmp.cli import main
 from dmp.mesh import TriangleMesh
+from dmp.meshio import read_mesh, write_mesh
 from dmp.runs import Run
 
 FAST = ["--steps", "20", "--snapshot-every", "10", "--threads", "1"]

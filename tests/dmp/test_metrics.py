@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dmp.meshio import read_mesh
 
 from dmp.errors import MeshError
 from dmp.mesh import TriangleMesh
+from dmp.meshio import read_mesh
 from dmp.metrics import GroundTruth, align, mean_angular_difference
 
 

@@ -51,5 +51,5 @@ def test_settings_survive_a_file_and_ignore_names_of_the_future() -> None:
 def test_every_setting_explains_itself() -> None:
     for name, item in SETTING_FIELDS.items():
         assert item.metadata["help"].endswith("."), name
-    assert choices("preset") == ("compact", "paper")
+    assert choices("preset") == ("compact", "paper", "best")
     assert choices("steps") == ()

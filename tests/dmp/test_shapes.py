@@ -287,3 +287,12 @@ def test_the_development_set_makes_what_it_is_asked_for() -> None:
     assert len(DEVELOPMENT_SHAPES) >= 25
     with pytest.raises(SettingsError, match=r"'teapot'.*cube"):
         next(development_set(["teapot"]))
+
+
+def test_touching_tetrahedra_are_no_closed_surface(tetrahedron: TriangleMesh) -> None:
+    assert is_closed_surface(tetrahedron.faces, 4)
+    # A second one that shares only vertex 0: every edge has two faces, but vertex 0 joins two fans.
+    second = np.where(tetrahedron.faces == 0, 0, tetrahedron.faces + 3)
+    assert not is_closed_surface(np.concatenate([tetrahedron.faces, second]), 7)
+    assert not is_closed_surface(tetrahedron.faces[1:], 4)
+    assert not is_closed_surface(tetrahedron.faces, 5)

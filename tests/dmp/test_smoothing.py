@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dmp.meshio import read_mesh
 
 from dmp.geometry import mean_edge_length
 from dmp.mesh import TriangleMesh
+from dmp.meshio import read_mesh
 from dmp.smoothing import laplacian_smoothing, smooth
 from dmp.topology import unique_edges
 

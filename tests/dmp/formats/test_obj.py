@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dmp.formats.obj import write_obj
+from dmp.formats.obj_writing import write_obj
 from dmp.mesh import TriangleMesh
 from tests.dmp.formats.files import TRIANGLE, read, refusal
 from tests.meshes import grid_mesh
@@ -54,10 +54,18 @@ def test_text_encodings(tmp_path: Path, encoding: str) -> None:
     assert mesh.faces.tolist() == [[0, 1, 2]]
 
 
-def test_utf_16_across_block_borders(tmp_path: Path) -> None:
-    padding = "# \N{PILE OF POO}€\n" * 1_000_001  # an odd number of characters of two and four bytes over several blocks
-    mesh, _ = read(tmp_path, "a.obj", (padding + TRIANGLE + padding + "f 1 2 3\n").encode("utf-16"))
-    assert mesh.faces.tolist() == [[0, 1, 2]]
+@pytest.mark.parametrize("n_bytes", [3, 4, 7, 64, 1000])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-32"])
+@pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
+def test_the_borders_of_blocks_leave_no_trace(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, n_bytes: int, encoding: str, line_end: str
+) -> None:
+    monkeypatch.setattr("dmp.formats.text._BLOCK_BYTES", n_bytes)
+    content = "# \N{GRINNING FACE}€\nv 0 0 0\nv 1 0 \\\n 0\n\nv 0 1 0\nf 1 2 \\\n\\\n3\nf 1 2 3 # \\\nv x 0 0\n"
+    assert "line 11: 'x'" in refusal(tmp_path, "a.obj", content.replace("\n", line_end).encode(encoding))
+    mesh, _ = read(tmp_path, "b.obj", content.replace("v x 0 0", "v 1 1 1").replace("\n", line_end).encode(encoding))
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 1, 2]]
 
 
 def test_positions_keep_all_digits(tmp_path: Path) -> None:
@@ -205,12 +213,11 @@ def test_a_file_shorter_than_its_own_comment_tells_is_refused(tmp_path: Path) ->
     assert "162 faces, but the file holds 161" in refusal(tmp_path, "a.obj", cut)
 
 
-def test_lines_keep_their_numbers_in_large_files(tmp_path: Path) -> None:
-    content = b"".join(write_obj(grid_mesh(250, 0.3)))
-    lines = content.split(b"\n")
-    lines[150_003] = b"f 1 2 many"
-    assert len(content) > 1 << 22  # more than one block
-    assert "line 150004: 'many'" in refusal(tmp_path, "a.obj", b"\n".join(lines))
+def test_lines_keep_their_numbers_in_large_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dmp.formats.text._BLOCK_BYTES", 10_000)
+    lines = b"".join(write_obj(grid_mesh(50, 0.3))).split(b"\n")
+    lines[5003] = b"f 1 2 many"
+    assert "line 5004: 'many'" in refusal(tmp_path, "a.obj", b"\n".join(lines))
 
 
 def test_the_slow_way_gives_the_same_mesh(tmp_path: Path) -> None:

@@ -124,9 +124,9 @@ def test_lists_in_the_vertices_are_left_out(tmp_path: Path) -> None:
 
 def test_faces_before_vertices_and_further_elements(tmp_path: Path) -> None:
     text = (
-        "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int vertex_indices\nelement camera 1\nproperty float view_px\n"
-        "property float view_py\nelement empty 0\nelement bare 7\nelement vertex 3\nproperty float z\nproperty float y\n"
-        "property float x\nend_header\n3 0 1 2\n0.5 0.5\n1 2 3\n4 5 6\n7 8 10\n"
+        "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int vertex_indices\nelement camera 1\n"
+        "property float view_px\nproperty float view_py\nelement empty 0\nelement bare 7\nelement vertex 3\nproperty float z\n"
+        "property float y\nproperty float x\nend_header\n3 0 1 2\n0.5 0.5\n1 2 3\n4 5 6\n7 8 10\n"
     )
     mesh, notes = read(tmp_path, "a.ply", text)
     assert mesh.vertices.tolist() == [[3, 2, 1], [6, 5, 4], [10, 8, 7]]
@@ -347,9 +347,9 @@ def test_a_tail_of_zeros_after_good_faces_is_told_with_its_byte(tmp_path: Path) 
 
 def test_vertices_of_zeros_at_the_end_are_refused(tmp_path: Path) -> None:
     header = (
-        "ply\nformat binary_little_endian 1.0\nelement face 2\nproperty list uchar int vertex_indices\nelement vertex 4\n"
-        "property double x\nproperty double y\nproperty double z\nend_header\n"
-    ).encode()
+        b"ply\nformat binary_little_endian 1.0\nelement face 2\nproperty list uchar int vertex_indices\nelement vertex 4\n"
+        b"property double x\nproperty double y\nproperty double z\nend_header\n"
+    )
     faces = b"".join(struct.pack("<B3i", 3, *face) for face in SQUARE_FACES)
     vertices = b"".join(struct.pack("<3d", *vertex) for vertex in SQUARE_VERTICES)
     assert read(tmp_path, "a.ply", header + faces + vertices)[0].vertices.tolist() == SQUARE_VERTICES
