@@ -1,0 +1,169 @@
+"""The training curve as the window keeps it: rows in, series out, smoothed causally for drawing. No widgets."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dmp.settings import Settings
+
+Series = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A column of the curve and how it is told to a person.
+
+    Attributes:
+        name: as in :class:`dmp.snapshot.StepRecord`.
+        label: short name for the legend.
+        help: what it means, one or two sentences.
+        unit: ``edges`` (mean edge lengths), ``degrees``, or ``training`` (the length that is 1 during training).
+        shown: drawn unless the user switches it off.
+    """
+
+    name: str
+    label: str
+    help: str
+    unit: str
+    shown: bool
+
+
+MEASURES: tuple[Measure, ...] = (
+    Measure("data_loss", "Data loss", "How far the prediction is from the noisy input. It falls as long as training goes on, "
+            "first by learning the shape, later by learning the noise.", "training", True),
+    Measure("laplacian_loss", "Laplacian loss", "How rough the prediction is: the distance of each vertex from the middle of "
+            "its neighbours.", "training", True),
+    Measure("position_loss", "Position loss", "How far the prediction is from recorrupted copies of the input.",
+            "training", True),
+    Measure("normal_loss", "Normal loss", "How far the normals of the prediction are from those of recorrupted copies.",
+            "training", True),
+    Measure("total_loss", "Total loss", "What the optimiser minimises: the data loss plus λ times the Laplacian loss.",
+            "training", False),
+    Measure("held_out_error", "Held-out error", "Error on vertices that the training never sees. Where it stops falling, the "
+            "network has begun to learn the noise: a good place to keep a step.", "edges", True),
+    Measure("held_out_normal_error", "Held-out error, normal", "The same, counted along the surface normal only.",
+            "edges", False),
+    Measure("displacement", "Displacement", "Mean distance of the prediction from the smoothed mesh.", "edges", False),
+    Measure("input_distance", "Distance to input", "Mean distance of the prediction from the input.", "edges", False),
+    Measure("vertex_error", "Vertex error", "Mean distance of the vertices from the ground truth.", "edges", False),
+    Measure("inserted_movement", "Movement", "How far the inserted vertices still move from step to step, as a mean. When it "
+            "comes to rest, the completion is done.", "edges", True),
+    Measure("hole_distance", "Distance in holes", "Mean distance of the inserted vertices from the true surface.",
+            "edges", True),
+    Measure("hole_normal_error", "Angle in holes", "Mean angle between the inserted faces and the true surface.",
+            "degrees", True),
+    Measure("mad", "MAD", "Mean angle between the normals of the prediction and of the ground truth. Lower is better; its "
+            "minimum is the best step.", "degrees", True),
+)  # fmt: skip
+
+MEASURE_BY_NAME: Mapping[str, Measure] = {measure.name: measure for measure in MEASURES}
+
+
+def unit_text(unit: str, settings: Settings | None) -> str:
+    """Return the unit of a measure in words."""
+    if unit == "degrees":
+        return "degrees"
+    if unit == "training" and settings is not None and settings.scaling == "box":
+        return "box sizes"
+    return "edge lengths"
+
+
+class Curve:
+    """The logged steps of one run, in ascending order.
+
+    Attributes:
+        generation: grows whenever rows are taken back, so that who has drawn part of a series knows to begin anew.
+    """
+
+    def __init__(self, rows: Iterable[Mapping[str, float]] = ()) -> None:
+        self.generation = 0
+        self._rows: list[dict[str, float]] = []
+        self._columns: dict[str, tuple[list[float], list[float]]] = {}
+        self._lowest: dict[str, float] = {}
+        self.extend(rows)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def rows(self) -> list[dict[str, float]]:
+        """The rows, as :meth:`dmp.runs.Run.curve` gives them."""
+        return self._rows
+
+    def extend(self, rows: Iterable[Mapping[str, float]]) -> None:
+        """Append rows; one whose step is not above the last takes the place of those from that step on."""
+        for row in rows:
+            if self._rows and self._rows[-1]["step"] >= row["step"]:
+                self._take_back(row["step"])
+            self._append(dict(row))
+
+    def _append(self, row: dict[str, float]) -> None:
+        self._rows.append(row)
+        for name, value in row.items():
+            if name in MEASURE_BY_NAME:
+                steps, values = self._columns.setdefault(name, ([], []))
+                steps.append(row["step"])
+                values.append(value)
+                self._lowest[name] = min(value, self._lowest.get(name, math.inf))
+
+    def _take_back(self, step: float) -> None:
+        remaining = [row for row in self._rows if row["step"] < step]
+        self._rows, self._columns, self._lowest = [], {}, {}
+        self.generation += 1
+        for row in remaining:
+            self._append(row)
+
+    def names(self) -> list[str]:
+        """Return the measures that occur, in the order of :data:`MEASURES`."""
+        return [measure.name for measure in MEASURES if measure.name in self._columns]
+
+    def series(self, name: str) -> Series:
+        """Return steps and values of one measure, two float arrays of equal length."""
+        steps, values = self._columns.get(name, ([], []))
+        return np.array(steps, dtype=np.float64), np.array(values, dtype=np.float64)
+
+    def lowest(self, name: str) -> float:
+        """Return the lowest value of a measure so far, infinity when there is none."""
+        return self._lowest.get(name, math.inf)
+
+    def nearest(self, step: float) -> Mapping[str, float] | None:
+        """Return the row whose step is nearest, or None when nothing is logged."""
+        if not self._rows:
+            return None
+        index = bisect_left(self._rows, step, key=lambda row: row["step"])
+        return min(self._rows[max(0, index - 1) : index + 1], key=lambda row: abs(row["step"] - step))
+
+    def best(self, name: str, steps: Iterable[int]) -> int | None:
+        """Return the one of ``steps`` where a measure is lowest, or None when none of them was measured."""
+        wanted = set(steps)
+        rows = [row for row in self._rows if name in row and int(row["step"]) in wanted]
+        return int(min(rows, key=lambda row: row[name])["step"]) if rows else None
+
+
+class RunningAverage:
+    """A debiased running average that grows with its series: each point knows only what came before it.
+
+    Args:
+        strength: weight of the past, 0 (none) to 0.99.
+    """
+
+    def __init__(self, strength: float) -> None:
+        self.strength = min(max(strength, 0.0), 0.99)
+        self.values: list[float] = []
+        self._average = 0.0
+        self._norm = 0.0
+
+    def follow(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the average of all ``values``, of which those seen before are not computed again."""
+        weight = self.strength
+        for value in values[len(self.values) :].tolist():
+            self._average = weight * self._average + (1 - weight) * value
+            self._norm = weight * self._norm + (1 - weight)
+            self.values.append(self._average / self._norm)
+        return np.array(self.values, dtype=np.float64)

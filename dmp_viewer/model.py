@@ -1,0 +1,390 @@
+"""The workspace: what is open, what has been learnt, what is shown. Plain Python with signals; no widget is known here.
+
+The GUI thread owns it. What comes from the training thread arrives as frozen records through the controller.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from psygnal import Signal
+
+from dmp.geometry import vertex_normals
+from dmp.mesh import FloatArray, TriangleMesh
+from dmp.metrics import GroundTruth
+from dmp.problem import Problem
+from dmp.settings import Settings
+from dmp.snapshot import Snapshot, StepRecord
+from dmp.stopping import Suggestion, suggest
+from dmp_viewer.colors import ColorPolicy, Limits, Values, displacement_values, extent, limits_for
+from dmp_viewer.curve import Curve
+from dmp_viewer.states import Controls, RunnerState, controls_for
+
+
+class RunLike(Protocol):
+    """What the workspace needs of a :class:`dmp.runs.Run`."""
+
+    settings: Settings
+    warnings: list[str]
+
+    @property
+    def run_id(self) -> str: ...  # noqa: D102
+    @property
+    def name(self) -> str: ...  # noqa: D102
+    @property
+    def state(self) -> str: ...  # noqa: D102
+    @property
+    def kept_step(self) -> int | None: ...  # noqa: D102
+    def curve(self) -> list[dict[str, float]]: ...  # noqa: D102
+    def snapshot_steps(self) -> list[int]: ...  # noqa: D102
+    def snapshot(self, step: int) -> Snapshot: ...  # noqa: D102
+    def keep(self, step: int | None) -> None: ...  # noqa: D102
+    def mesh_at(self, step: int) -> TriangleMesh: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """Where the open meshes came from.
+
+    Attributes:
+        name: what to call the mesh; the stem of exported files.
+        path: the file of the input, or None when only a run's copy of it is known.
+        ground_truth_path: the file of the ground truth, if there is one.
+    """
+
+    name: str
+    path: Path | None = None
+    ground_truth_path: Path | None = None
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder to save results in, when it is still there."""
+        return self.path.parent if self.path is not None and self.path.parent.is_dir() else None
+
+
+class SnapshotCache:
+    """The snapshots looked at lately, bounded in bytes; others come from the run folder again."""
+
+    def __init__(self, most_bytes: int = 192 * 1024**2) -> None:
+        self._most_bytes = most_bytes
+        self._bytes = 0
+        self._snapshots: OrderedDict[int, Snapshot] = OrderedDict()
+
+    def put(self, snapshot: Snapshot) -> None:
+        """Add or refresh a snapshot, dropping the oldest ones when it becomes too much."""
+        previous = self._snapshots.pop(snapshot.step, None)
+        self._bytes += snapshot.vertices.nbytes - (previous.vertices.nbytes if previous is not None else 0)
+        self._snapshots[snapshot.step] = snapshot
+        while self._bytes > self._most_bytes and len(self._snapshots) > 1:
+            _, dropped = self._snapshots.popitem(last=False)
+            self._bytes -= dropped.vertices.nbytes
+
+    def get(self, step: int) -> Snapshot | None:
+        """Return the snapshot of a step when it is here."""
+        return self._snapshots.get(step)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self._snapshots.clear()
+        self._bytes = 0
+
+
+class Workspace:
+    """Everything the window shows.
+
+    Signals carry nothing; whoever listens reads the attributes, so that several changes in one turn cost one update.
+    """
+
+    problem_changed = Signal()
+    run_changed = Signal()
+    curve_changed = Signal()
+    snapshots_changed = Signal()
+    shown_step_changed = Signal()
+    kept_step_changed = Signal()
+    suggestion_changed = Signal()
+    follow_latest_changed = Signal()
+    coloring_changed = Signal()
+    linked_changed = Signal()
+    edges_changed = Signal()
+    state_changed = Signal()
+    progress_changed = Signal()
+
+    def __init__(self) -> None:
+        self.source: Source | None = None
+        self.problem: Problem | None = None
+        self.run: RunLike | None = None
+        self.curve = Curve()
+        self.snapshot_steps: list[int] = []
+        self.shown_step: int | None = None
+        self.kept_step: int | None = None
+        self.suggestion: Suggestion | None = None
+        self.follow_latest = True
+        self.coloring = ColorPolicy()
+        self.linked = True
+        self.edges = False
+        self.state = RunnerState.IDLE
+        self.current_step = 0
+        self.seconds = 0.0
+        self.device = ""
+        self._normals: FloatArray | None = None
+        self._cache = SnapshotCache()
+        self._input_extent: dict[str, float] = {}
+        self._extents: dict[tuple[str, int], float] = {}
+
+    # -- meshes -----------------------------------------------------------------------------------------------------
+
+    @property
+    def mesh(self) -> TriangleMesh | None:
+        """The input mesh."""
+        return None if self.problem is None else self.problem.mesh
+
+    def open_problem(self, problem: Problem, source: Source) -> None:
+        """Take in another mesh; the run of the previous one is let go (it is safe in its folder)."""
+        self._set_problem(problem)
+        self.source = source
+        self._set_run(None)
+        self.state = RunnerState.IDLE
+        self.problem_changed.emit()
+        self._emit_run()
+
+    def replace_problem(self, problem: Problem, source: Source) -> None:
+        """Take in the same mesh with another base or ground truth; the run stays."""
+        self._set_problem(problem)
+        self.source = source
+        self.problem_changed.emit()
+        self.shown_step_changed.emit()
+
+    def _set_problem(self, problem: Problem) -> None:
+        self.problem = problem
+        self._normals = vertex_normals(problem.base, problem.mesh.faces)
+        self._input_extent.clear()
+        self._extents.clear()
+
+    # -- run --------------------------------------------------------------------------------------------------------
+
+    def begin_run(self, run: RunLike, problem: Problem, device: str) -> None:
+        """A training has been set up: show its base and wait for its steps, keeping those it had before."""
+        same_run = self.run is not None and self.run.run_id == run.run_id
+        self._set_problem(problem)
+        if same_run:
+            self.run = run
+        else:
+            self._set_run(run)
+        self.device = device
+        self.set_follow_latest(True)
+        self.problem_changed.emit()
+        self._emit_run()
+
+    def open_run(self, run: RunLike, problem: Problem, source: Source, suggestion: Suggestion | None) -> None:
+        """Show a run from its folder: its meshes, curve and snapshots, at the step to look at first."""
+        self._set_problem(problem)
+        self.source = source
+        self._set_run(run)
+        self.suggestion = suggestion
+        self.state = RunnerState.IDLE
+        if self.kept_step is not None:
+            self.shown_step, self.follow_latest = self.kept_step, False
+        self.problem_changed.emit()
+        self._emit_run()
+
+    def _set_run(self, run: RunLike | None) -> None:
+        self.run = run
+        self._cache.clear()
+        self._extents.clear()
+        self.curve = Curve(run.curve() if run is not None else ())
+        self.snapshot_steps = run.snapshot_steps() if run is not None else []
+        self.kept_step = run.kept_step if run is not None else None
+        self.suggestion = None
+        self.follow_latest = True
+        self.shown_step = self.latest_step
+        last = self.curve.rows[-1] if len(self.curve) else {}
+        self.current_step = max(int(last.get("step", 0)), self.latest_step or 0)
+        self.seconds = last.get("seconds", 0.0)
+        self.device = ""
+
+    def _emit_run(self) -> None:
+        for signal in (
+            self.run_changed, self.curve_changed, self.snapshots_changed, self.kept_step_changed, self.suggestion_changed,
+            self.follow_latest_changed, self.shown_step_changed, self.progress_changed, self.state_changed,
+        ):  # fmt: skip
+            signal.emit()
+
+    def refresh_from_run(self) -> None:
+        """Read again what the run folder holds; the training adds a last snapshot after its last record."""
+        if self.run is None:
+            return
+        self.curve = Curve(self.run.curve() or self.curve.rows)
+        self.snapshot_steps = self.run.snapshot_steps()
+        self._update_suggestion()
+        self.curve_changed.emit()
+        self.snapshots_changed.emit()
+        self._show_latest()
+
+    @property
+    def can_continue(self) -> bool:
+        """Whether the run on show can be trained further."""
+        if self.run is None or self.state.is_active:
+            return False
+        return self.run.state in ("stopped", "interrupted", "failed") and self.current_step < self.run.settings.steps
+
+    @property
+    def controls(self) -> Controls:
+        """The controls that can be used now."""
+        return controls_for(self.state, has_mesh=self.problem is not None, can_continue=self.can_continue)
+
+    @property
+    def total_steps(self) -> int:
+        """The last step of the run on show, or 0."""
+        return self.run.settings.steps if self.run is not None else 0
+
+    def set_state(self, state: RunnerState) -> None:
+        """Take over the state of the training thread."""
+        if state is not self.state:
+            self.state = state
+            self.state_changed.emit()
+
+    # -- steps ------------------------------------------------------------------------------------------------------
+
+    @property
+    def latest_step(self) -> int | None:
+        """The newest snapshot's step."""
+        return self.snapshot_steps[-1] if self.snapshot_steps else None
+
+    def add_records(self, records: Sequence[StepRecord]) -> None:
+        """Take in steps in the order they were made; snapshots come through :meth:`add_snapshot`."""
+        if not records:
+            return
+        self.current_step, self.seconds = records[-1].step, records[-1].seconds
+        rows = [{"step": item.step, "seconds": item.seconds, **item.metrics} for item in records if item.metrics]
+        if rows:
+            self.curve.extend(rows)
+            self.curve_changed.emit()
+        self.progress_changed.emit()
+
+    def add_snapshot(self, snapshot: Snapshot) -> None:
+        """Take in a snapshot of the run on show."""
+        self._cache.put(snapshot)
+        self._extents = {key: size for key, size in self._extents.items() if key[1] != snapshot.step}
+        if snapshot.step not in self.snapshot_steps:
+            self.snapshot_steps = sorted([*self.snapshot_steps, snapshot.step])
+        self._update_suggestion()
+        self.snapshots_changed.emit()
+        self._show_latest()
+
+    def _show_latest(self) -> None:
+        if self.follow_latest or self.shown_step not in self.snapshot_steps:
+            self.shown_step = self.latest_step
+            self.shown_step_changed.emit()
+
+    def _update_suggestion(self) -> None:
+        suggestion = suggest(self.curve.rows, self.snapshot_steps)
+        if suggestion != self.suggestion:
+            self.suggestion = suggestion
+            self.suggestion_changed.emit()
+
+    def show_step(self, step: int) -> None:
+        """Show the snapshot nearest to ``step``: going back in time stops following the latest."""
+        nearest = self.nearest_snapshot(step)
+        if nearest is None:
+            return
+        if nearest != self.latest_step:
+            self.set_follow_latest(False)
+        if nearest != self.shown_step:
+            self.shown_step = nearest
+            self.shown_step_changed.emit()
+
+    def nearest_snapshot(self, step: float) -> int | None:
+        """Return the snapshot step nearest to ``step``."""
+        return min(self.snapshot_steps, key=lambda candidate: abs(candidate - step)) if self.snapshot_steps else None
+
+    def set_follow_latest(self, follow: bool) -> None:
+        """Follow the training, or stay at the shown step."""
+        if follow != self.follow_latest:
+            self.follow_latest = follow
+            self.follow_latest_changed.emit()
+        if follow and self.latest_step is not None and self.shown_step != self.latest_step:
+            self.shown_step = self.latest_step
+            self.shown_step_changed.emit()
+
+    def keep(self, step: int | None) -> None:
+        """Keep a step for good (None forgets it); raises :class:`dmp.errors.RunError` when that cannot be written."""
+        if self.run is None:
+            return
+        self.run.keep(step)
+        self.kept_step = step
+        self.kept_step_changed.emit()
+
+    @property
+    def best_step(self) -> int | None:
+        """The snapshot with the lowest MAD, when there is a ground truth."""
+        return self.curve.best("mad", [step for step in self.snapshot_steps if step > 0])
+
+    def snapshot(self, step: int) -> Snapshot | None:
+        """Return a snapshot, from memory or from the run folder (raises :class:`dmp.errors.RunError` when it is damaged)."""
+        found = self._cache.get(step)
+        if found is None and self.run is not None and step in self.snapshot_steps:
+            found = self.run.snapshot(step)
+            self._cache.put(found)
+        return found
+
+    # -- colours ----------------------------------------------------------------------------------------------------
+
+    def set_coloring(self, **changes: Any) -> None:
+        """Change the colour policy."""
+        policy = replace(self.coloring, **changes)
+        if policy != self.coloring:
+            self.coloring = policy
+            self.coloring_changed.emit()
+
+    def set_linked(self, linked: bool) -> None:
+        """Turn all panes together, or each by itself."""
+        if linked != self.linked:
+            self.linked = linked
+            self.linked_changed.emit()
+
+    def set_edges(self, edges: bool) -> None:
+        """Draw the edges of the triangles, or not."""
+        if edges != self.edges:
+            self.edges = edges
+            self.edges_changed.emit()
+
+    def values_of(self, positions: FloatArray) -> Values:
+        """Return the coloured values of positions of the open mesh, (V,), file units."""
+        assert self.problem is not None and self._normals is not None
+        return displacement_values(positions, self.problem.base, self._normals, self.coloring.quantity)
+
+    def limits(self) -> Limits:
+        """Return the range shared by all panes, in file units, as the policy wants it."""
+        quantity = self.coloring.quantity
+        if self.problem is None:
+            return limits_for(quantity, [])
+        if quantity not in self._input_extent:
+            self._input_extent[quantity] = extent(self.values_of(self.problem.target))
+        wanted: Iterable[int] = [] if self.shown_step is None else [self.shown_step]
+        if self.coloring.range == "run":
+            # The untrained network's output is no part of what is judged.
+            wanted = [step for step in self.snapshot_steps if step > 0]
+        return limits_for(quantity, [self._input_extent[quantity], *(self._extent_at(step) for step in wanted)])
+
+    def _extent_at(self, step: int) -> float:
+        key = (self.coloring.quantity, step)
+        if key not in self._extents:
+            snapshot = self.snapshot(step)
+            self._extents[key] = extent(self.values_of(snapshot.vertices)) if snapshot is not None else 0.0
+        return self._extents[key]
+
+    # -- ground truth -----------------------------------------------------------------------------------------------
+
+    def mad_of(self, positions: FloatArray) -> float | None:
+        """Return the mean angular difference of positions, (V, 3), to the ground truth in degrees, when there is one."""
+        truth = self.problem.ground_truth if self.problem is not None else None
+        return truth.mad(positions) if isinstance(truth, GroundTruth) else None
+
+    def mad_at(self, snapshot: Snapshot) -> float | None:
+        """Return the MAD of a snapshot, measured now when the ground truth came after the training."""
+        known = snapshot.metrics.get("mad")
+        return known if known is not None else self.mad_of(snapshot.vertices)

@@ -1,0 +1,56 @@
+"""Small pictures of meshes, computed without OpenGL so that any thread can make them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dmp.geometry import face_normals
+from dmp.mesh import TriangleMesh
+
+_VIEW = np.array([0.45, 0.35, 1.0]) / np.linalg.norm([0.45, 0.35, 1.0])
+_LIGHT = np.array([0.35, 0.75, 0.85]) / np.linalg.norm([0.35, 0.75, 0.85])
+
+
+def thumbnail(mesh: TriangleMesh, width: int, height: int, color: tuple[float, float, float]) -> NDArray[np.uint8]:
+    """Draw a mesh, flat shaded, on a transparent ground.
+
+    Args:
+        mesh: the mesh; triangles larger than about a dozen pixels would show gaps, so pictures are small.
+        width: pixels.
+        height: pixels.
+        color: of the surface, three numbers from 0 to 1.
+
+    Returns:
+        (height, width, 4) RGBA.
+    """
+    right = np.cross([0.0, 1.0, 0.0], _VIEW)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(_VIEW, right), _VIEW])
+    turned = (mesh.vertices - (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2) @ axes.T
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    size = max((high[0] - low[0]) / width, (high[1] - low[1]) / height, 1e-300) * 1.08
+    x = (turned[:, 0] - (low[0] + high[0]) / 2) / size + width / 2
+    y = height / 2 - (turned[:, 1] - (low[1] + high[1]) / 2) / size
+    corners = np.column_stack([x, y, turned[:, 2]])[mesh.faces]
+
+    sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1))[..., :2], axis=-1).max(axis=1)
+    grid = _barycentric_grid(int(np.clip(np.percentile(sides, 98) * 1.5, 3, 24)))
+    points = np.einsum("gk,fkc->fgc", grid, corners)
+    pixel_x = np.clip(points[..., 0].astype(np.int64), 0, width - 1)
+    pixel_y = np.clip(points[..., 1].astype(np.int64), 0, height - 1)
+    pixels = (pixel_y * width + pixel_x).ravel()
+    order = np.argsort(points[..., 2].ravel(), kind="stable")  # later writes win, so the nearest point is last
+
+    normals = face_normals(mesh.vertices, mesh.faces) @ axes.T
+    diffuse = np.clip(normals @ (axes @ _LIGHT), 0, 1)
+    shade = np.repeat(0.28 + 0.72 * diffuse, len(grid))
+    image = np.zeros((height * width, 4))
+    image[pixels[order], :3] = shade[order, None] * np.asarray(color)
+    image[pixels[order], 3] = 1.0
+    return (image.reshape(height, width, 4) * 255).round().clip(0, 255).astype(np.uint8)
+
+
+def _barycentric_grid(parts: int) -> NDArray[np.float64]:
+    """Return points spread over a triangle whose sides are cut into ``parts``, (n, 3) barycentric coordinates."""
+    return np.array([(i, j, parts - i - j) for i in range(parts + 1) for j in range(parts + 1 - i)]) / parts

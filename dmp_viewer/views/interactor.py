@@ -1,0 +1,91 @@
+"""The one 3-D widget of the window: three panes in one OpenGL surface, drawn only when something has changed.
+
+Invariants, each with what happens when it is broken:
+
+- One interactor for the whole life of the window. Opening and closing several crashes drivers.
+- Nothing calls ``render()``; changes are marked with :meth:`Interactor.mark`, and the next paint draws them together. A
+  mouse move that renders by itself costs every frame twice, because the paint that follows renders again.
+- A paint draws only the panes that were marked. With software rendering each pane costs about 20 ms, and scrubbing changes
+  one of three.
+- Keys go to the window. VTK binds ``q``, ``e``, ``p``, ``3`` and more by itself; ``q`` would end the view.
+- Files dropped here belong to the window. pyvistaqt would load them into the scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from pyvistaqt import QtInteractor
+from qtpy.QtCore import Signal
+from qtpy.QtGui import QKeyEvent
+from qtpy.QtWidgets import QWidget
+
+N_PANES = 3
+
+
+class Interactor(QtInteractor):
+    """Three panes side by side that paint on demand.
+
+    Signals:
+        painted: after each paint, with the indices of the panes that were drawn.
+        resized: the widget has another size.
+    """
+
+    painted = Signal(object)
+    resized = Signal()
+
+    def __init__(self, parent: QWidget, *, multi_samples: int) -> None:
+        super().__init__(
+            parent, shape=(1, N_PANES), auto_update=False, multi_samples=multi_samples, lighting="light kit", border=False
+        )
+        self.setAcceptDrops(False)
+        self.reset_key_events()
+        self._marked: set[int] = set()
+        # Rendering on each mouse move would draw twice; the move asks for a paint instead.
+        self._Iren.EnableRenderOff()
+        self._render_observer = self._Iren.AddObserver("RenderEvent", self._on_interaction)
+
+    def mark(self, panes: Iterable[int] = range(N_PANES)) -> None:
+        """Have these panes drawn anew with the next paint."""
+        self._marked.update(panes)
+        self.update()
+
+    def _on_interaction(self, *_: Any) -> None:
+        if not self._in_paint:
+            self.mark()
+
+    def paintGL(self) -> None:
+        """Draw the marked panes; all of them when the paint has another cause, such as a new size."""
+        drawn = self._marked or set(range(N_PANES))
+        self._marked = set()
+        for index, renderer in enumerate(self.renderers):
+            renderer.SetDraw(index in drawn)
+        self._Iren.EnableRenderOn()
+        try:
+            super().paintGL()
+        finally:
+            if self._RenderWindow is not None:
+                self._Iren.EnableRenderOff()
+                for renderer in self.renderers:
+                    renderer.SetDraw(True)
+        self.painted.emit(drawn)
+
+    def resizeGL(self, width: int, height: int) -> None:
+        """Take a new size; what was drawn before is gone then."""
+        self._marked = set(range(N_PANES))
+        super().resizeGL(width, height)
+        self.resized.emit()
+
+    def showEvent(self, event: Any) -> None:
+        """Draw everything when the widget comes into view."""
+        self._marked = set(range(N_PANES))
+        super().showEvent(event)
+
+    def keyPressEvent(self, event: QKeyEvent) -> None:
+        """Leave keys to the window."""
+        event.ignore()
+
+    def keyReleaseEvent(self, event: QKeyEvent) -> None:
+        """Leave keys to the window."""
+        event.ignore()

@@ -1,0 +1,248 @@
+"""The window: menus, tool bar, meshes, timeline, curve and run panel. It shows and asks; the controller answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+from qtpy.QtCore import QByteArray, QEvent, QObject, Qt, Signal
+from qtpy.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QKeyEvent
+from qtpy.QtWidgets import (
+    QAbstractButton,
+    QAbstractSlider,
+    QAbstractSpinBox,
+    QComboBox,
+    QLabel,
+    QMainWindow,
+    QMenu,
+    QSizePolicy,
+    QSplitter,
+    QStackedWidget,
+    QToolBar,
+    QVBoxLayout,
+    QWidget,
+)
+
+from dmp_viewer.actions import ACTIONS, build, fill_menu_bar
+from dmp_viewer.icons import icon
+from dmp_viewer.theme import Theme
+from dmp_viewer.views.banner import BannerArea
+from dmp_viewer.views.buttons import tool_button
+from dmp_viewer.views.color_bar import ColorBar
+from dmp_viewer.views.curve_panel import CurvePanel
+from dmp_viewer.views.mesh_panes import MeshPanes
+from dmp_viewer.views.run_panel import RunPanel
+from dmp_viewer.views.start_page import StartPage
+from dmp_viewer.views.timeline import Timeline
+
+_MOVING_KEYS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
+
+
+class MainWindow(QMainWindow):
+    """The parts of the window in their places.
+
+    Signals:
+        actionTriggered: name of an action of :data:`dmp_viewer.actions.ACTIONS`.
+        filesDropped: list of paths.
+        sampleChosen: name of a sample.
+        recentChosen: path, as text.
+    """
+
+    actionTriggered = Signal(str)
+    filesDropped = Signal(object)
+    sampleChosen = Signal(str)
+    recentChosen = Signal(str)
+
+    def __init__(
+        self, *, multi_samples: int = 0, tasks: tuple[str, ...] = ("denoise",), devices: tuple[tuple[str, str], ...] = ()
+    ) -> None:
+        super().__init__()
+        self.setWindowTitle("dmp-viewer")
+        self.setAcceptDrops(True)
+        self.setMinimumSize(720, 520)
+        self.resize(1400, 880)
+        # Asked before the window closes; the controller ends the training in it.
+        self.close_guard: Callable[[], bool] = lambda: True
+        self.named_actions = build(self, {spec.name: partial(self.actionTriggered.emit, spec.name) for spec in ACTIONS})
+        self._menus = fill_menu_bar(self.menuBar(), self.named_actions)
+        self._add_open_menus()
+        self._parts(multi_samples, tasks, devices)
+        self._tool_bar()
+        self.set_has_mesh(False)
+        for widget in self.findChildren(QWidget):
+            widget.setAcceptDrops(False)
+            if isinstance(widget, (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox)):
+                widget.installEventFilter(self)
+
+    # -- what is shown ------------------------------------------------------------------------------------------------
+
+    def set_has_mesh(self, has_mesh: bool) -> None:
+        """Show the workspace, or the start page while nothing is open."""
+        self._stack.setCurrentIndex(1 if has_mesh else 0)
+
+    def set_samples(self, samples: Sequence[tuple[str, str, str]]) -> None:
+        """Offer samples in the menu and on the start page: (name, title, description)."""
+        self._sample_menu.clear()
+        for name, title, text in samples:
+            action = self._sample_menu.addAction(title)
+            action.setStatusTip(text)
+            action.triggered.connect(lambda _checked=False, name=name: self.sampleChosen.emit(name))
+        self._sample_menu.menuAction().setVisible(bool(samples))
+        self.start_page.set_samples(samples)
+
+    def set_recent(self, paths: Sequence[Path]) -> None:
+        """Offer what was open lately."""
+        self._recent_menu.clear()
+        for number, path in enumerate(paths, start=1):
+            text = str(path).replace("&", "&&")
+            action = self._recent_menu.addAction(f"&{number}  {text}")
+            action.triggered.connect(lambda _checked=False, path=path: self.recentChosen.emit(str(path)))
+        self._recent_menu.setEnabled(bool(paths))
+        self.start_page.set_recent(paths)
+
+    def set_facts(self, text: str) -> None:
+        """Say at the right of the status bar what is open."""
+        self._facts.setText(text)
+
+    def set_theme(self, theme: Theme) -> None:
+        """Take the colours of a theme everywhere."""
+        for spec in ACTIONS:
+            if spec.icon and spec.name in self.named_actions:
+                self.named_actions[spec.name].setIcon(icon(spec.icon, theme))
+        for part in (self.panes, self.curve, self.timeline, self.panel, self.banners, self.start_page):
+            part.set_theme(theme)
+
+    def set_panel_visible(self, visible: bool) -> None:
+        """Show or hide the run panel."""
+        self.panel.setVisible(visible)
+
+    def set_curve_visible(self, visible: bool) -> None:
+        """Show or hide the curve."""
+        self.curve.setVisible(visible)
+
+    # -- layout -------------------------------------------------------------------------------------------------------
+
+    def layout_state(self) -> tuple[str, dict[str, list[int]]]:
+        """Return place and size of the window, base64, and the sizes of its parts."""
+        geometry = bytes(self.saveGeometry().toBase64().data()).decode()
+        return geometry, {name: splitter.sizes() for name, splitter in self._splitters.items()}
+
+    def restore_layout(self, geometry: str, splitters: dict[str, list[int]]) -> None:
+        """Take over what :meth:`layout_state` returned, unless the window would lie outside of every screen."""
+        if geometry:
+            self.restoreGeometry(QByteArray.fromBase64(QByteArray(geometry.encode())))
+        for name, sizes in splitters.items():
+            if name in self._splitters and len(sizes) == self._splitters[name].count() and sum(sizes) > 0:
+                self._splitters[name].setSizes(sizes)
+        areas = [screen.availableGeometry() for screen in QGuiApplication.screens()]
+        if areas and not any(area.intersects(self.frameGeometry()) for area in areas):
+            self.move(areas[0].topLeft())
+
+    def _parts(self, multi_samples: int, tasks: tuple[str, ...], devices: tuple[tuple[str, str], ...]) -> None:
+        self.banners = BannerArea()
+        self.panes = MeshPanes(multi_samples=multi_samples)
+        self.color_bar = ColorBar()
+        self.timeline = Timeline(self.named_actions)
+        self.curve = CurvePanel()
+        self.panel = RunPanel(self.named_actions, tasks=tasks, devices=devices)
+        self.start_page = StartPage(self.named_actions)
+        self.start_page.sampleChosen.connect(self.sampleChosen)
+        self.start_page.recentChosen.connect(self.recentChosen)
+        view = QWidget()
+        view_layout = QVBoxLayout(view)
+        view_layout.setContentsMargins(0, 0, 0, 0)
+        view_layout.setSpacing(0)
+        view_layout.addWidget(self.panes, 1)
+        view_layout.addWidget(self.color_bar)
+        view_layout.addWidget(self.timeline)
+        rows = QSplitter(Qt.Orientation.Vertical)
+        rows.addWidget(view)
+        rows.addWidget(self.curve)
+        rows.setStretchFactor(0, 3)
+        rows.setStretchFactor(1, 1)
+        rows.setSizes([540, 270])
+        columns = QSplitter(Qt.Orientation.Horizontal)
+        columns.addWidget(rows)
+        columns.addWidget(self.panel)
+        columns.setStretchFactor(0, 1)
+        columns.setStretchFactor(1, 0)
+        columns.setSizes([1100, 290])
+        for splitter in (rows, columns):
+            splitter.setChildrenCollapsible(False)
+            splitter.setHandleWidth(5)
+        self._splitters = {"rows": rows, "columns": columns}
+        self._stack = QStackedWidget()
+        self._stack.addWidget(self.start_page)
+        self._stack.addWidget(columns)
+        central = QWidget()
+        layout = QVBoxLayout(central)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.setSpacing(0)
+        layout.addWidget(self.banners)
+        layout.addWidget(self._stack, 1)
+        self.setCentralWidget(central)
+        self._facts = QLabel()
+        self._facts.setContentsMargins(0, 0, 8, 0)
+        self.statusBar().addPermanentWidget(self._facts)
+        self.statusBar().setSizeGripEnabled(False)
+
+    def _tool_bar(self) -> None:
+        bar = QToolBar("Tools")
+        bar.setObjectName("tools")
+        bar.setMovable(False)
+        bar.toggleViewAction().setVisible(False)
+        self.addToolBar(bar)
+        for name, with_text in (
+            ("open", True), ("save", True), ("screenshot", False), ("", False), ("fit_spacer", False),
+            ("edges", True), ("link", True), ("reset_view", True),
+        ):  # fmt: skip
+            if not name:
+                bar.addSeparator()
+            elif name == "fit_spacer":
+                spacer = QWidget()
+                spacer.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
+                bar.addWidget(spacer)
+            else:
+                bar.addWidget(tool_button(self.named_actions[name], with_text=with_text))
+
+    def _add_open_menus(self) -> None:
+        menu = self._menus["file"]
+        before = self.named_actions["open_ground_truth"]
+        self._sample_menu = QMenu("Open sa&mple", self)
+        self._recent_menu = QMenu("Re&cent files", self)
+        menu.insertMenu(before, self._sample_menu)
+        menu.insertMenu(self.named_actions["save"], self._recent_menu)
+        self._sample_menu.menuAction().setVisible(False)
+
+    # -- events -------------------------------------------------------------------------------------------------------
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """Leave Space to a button, arrows, Home and End to a slider or number that has the focus, not to the timeline."""
+        if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
+            pressed = isinstance(watched, (QAbstractButton, QComboBox)) and event.key() == Qt.Key.Key_Space
+            moved = isinstance(watched, (QAbstractSlider, QAbstractSpinBox)) and event.key() in _MOVING_KEYS
+            if pressed or moved:
+                event.accept()
+                return True
+        return super().eventFilter(watched, event)
+
+    def dragEnterEvent(self, event: QDragEnterEvent) -> None:
+        """Accept files and folders."""
+        if any(url.isLocalFile() for url in event.mimeData().urls()):
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent) -> None:
+        """Pass dropped files on."""
+        paths = [Path(url.toLocalFile()) for url in event.mimeData().urls() if url.isLocalFile()]
+        if paths:
+            event.acceptProposedAction()
+            self.filesDropped.emit(paths)
+
+    def closeEvent(self, event: QCloseEvent) -> None:
+        """Close when the guard agrees; OpenGL goes before the window does."""
+        if self.close_guard():
+            self.panes.shut_down()
+            event.accept()
+        else:
+            event.ignore()
