@@ -63,7 +63,8 @@ class DeepMeshPrior(Training):
             output = output + self._base
         self._output = output.detach()
         data = data_loss(output, self._target, self._fitted)
-        laplacian = laplacian_loss(output, self._adjacency, self._valence, self.settings.laplacian_form)
+        smoothed = output if self.settings.laplacian_of == "prediction" else output - self._target
+        laplacian = laplacian_loss(smoothed, self._adjacency, self._valence, self.settings.laplacian_form)
         return {"total_loss": data + self.settings.laplacian_weight * laplacian, "data_loss": data, "laplacian_loss": laplacian}
 
     def _losses_before(self) -> Mapping[str, Tensor]:

@@ -101,7 +101,8 @@ def fill_holes(
     if mesh.n_faces == 0:
         raise MeshError("The mesh has no faces, so it has no holes either.")
     candidates = boundary_loops(mesh) if loops is None else tuple(loops)
-    _check_loops(mesh, candidates)
+    if loops is not None:
+        _check_loops(mesh, candidates)
     reasons = _reasons_to_leave(mesh, candidates, max_hole_edges, is_own_choice=loops is None)
     chosen = [index for index in range(len(candidates)) if index not in reasons]
 
@@ -129,7 +130,8 @@ def _check_loops(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> None:
     if not loops:
         return
     wanted = np.concatenate([loop.edges for loop in loops])
-    start, end = half_edges(mesh.faces)
+    is_proper = (mesh.faces != mesh.faces[:, [1, 2, 0]]).all(axis=1)
+    start, end = half_edges(mesh.faces[is_proper])
     existing = start * mesh.n_vertices + end
     is_inside = wanted.size and wanted.min() >= 0 and wanted.max() < mesh.n_vertices
     if is_inside:

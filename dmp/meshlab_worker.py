@@ -22,7 +22,8 @@ def main(folder: Path, memory: int) -> int:
         import pymeshlab
     except ImportError as problem:
         print(problem, file=sys.stderr)
-        return 3
+        # How the loader of shared libraries tells that it got no memory.
+        return 5 if "failed to map" in str(problem) or "llocate memory" in str(problem) else 3
     except MemoryError:
         return 5
     job = json.loads((folder / "job.json").read_text(encoding="utf-8"))

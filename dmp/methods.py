@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from dmp.deep_mesh_prior import DeepMeshPrior
+from dmp.made_up_holes.training import MadeUpHoles
 from dmp.problem import Problem
 from dmp.recorrupted.training import RecorruptedTraining
 from dmp.settings import Settings
@@ -14,6 +15,8 @@ from dmp.training import Training
 
 def training_for(problem: Problem, settings: Settings, *, run_id: str | None = None) -> Training:
     """Return a fresh training of the method that ``settings`` name (raises :class:`dmp.errors.SettingsError`)."""
+    if settings.method == "made-up-holes":
+        return MadeUpHoles(problem, settings, run_id=run_id)
     if settings.method == "recorrupted":
         return RecorruptedTraining(problem, settings, run_id=run_id)
     return DeepMeshPrior(problem, settings, run_id=run_id)

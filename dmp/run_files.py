@@ -17,7 +17,7 @@ from dmp.files import atomic_write_bytes
 CURVE_COLUMNS = (
     "step", "seconds",
     "total_loss", "data_loss", "laplacian_loss", "position_loss", "normal_loss",
-    "displacement", "input_distance", "held_out_error", "held_out_normal_error", "inserted_movement",
+    "displacement", "input_distance", "held_out_error", "held_out_normal_error", "inserted_movement", "made_up_error",
     "mad", "vertex_error", "hole_distance", "hole_normal_error",
 )  # fmt: skip
 _CHECKPOINT_MAGIC = b"dmp-checkpoint 1 sha256 "

@@ -15,12 +15,13 @@ from dmp.errors import SettingsError
 
 Task = Literal["denoise", "complete"]
 Preset = Literal["compact", "paper", "best"]
-Method = Literal["prior", "recorrupted"]
+Method = Literal["prior", "recorrupted", "made-up-holes"]
 Convolution = Literal["gcn"]
 LaplacianForm = Literal["mean", "sum"]
 Scaling = Literal["edge", "box"]
 Smoothing = Literal["laplacian", "none"]
 Prediction = Literal["displacement", "position"]
+LaplacianOf = Literal["prediction", "change"]
 KnownVertices = Literal["keep", "predict"]
 
 
@@ -65,6 +66,10 @@ class Settings:
     laplacian_form: LaplacianForm = _setting(
         "mean", "Laplacian term: q minus the mean of its neighbours (HEAD), or valence times q minus their sum (paper)."
     )
+    laplacian_of: LaplacianOf = _setting(
+        "prediction",
+        "What the Laplacian term keeps smooth: the prediction (paper), or what it changes of the input or its filling.",
+    )
     predict: Prediction = _setting(
         "displacement", "What the network predicts: displacements from the smoothed mesh, or positions."
     )
@@ -103,10 +108,13 @@ class Settings:
     noise_tangential: float = _setting(
         -1.0, "Noise across the normal as a share of that along it, 0 to 1; -1 estimates it.", minimum=-1.0, maximum=1.0
     )
+    recorruption: float = _setting(
+        1.0, "Noise added to the input of each step, as a share of the noise that is there.", minimum=0.05, maximum=20.0
+    )
     normal_weight: float = _setting(10.0, "Weight of the term on face normals.", minimum=0.0, maximum=1e6)
-    bilateral_layers: int = _setting(6, "Layers of learned bilateral filtering.", minimum=0, maximum=32)
-    normal_passes: int = _setting(5, "Averagings of the normals in each bilateral layer.", minimum=0, maximum=100)
-    vertex_passes: int = _setting(3, "Vertex updates in each bilateral layer.", minimum=0, maximum=100)
+    bilateral_layers: int = _setting(8, "Layers of learned bilateral filtering.", minimum=0, maximum=32)
+    normal_passes: int = _setting(4, "Averagings of the normals in each bilateral layer.", minimum=0, maximum=100)
+    vertex_passes: int = _setting(2, "Vertex updates in each bilateral layer.", minimum=0, maximum=100)
     patch_size: int = _setting(
         4000, "Vertices that one training step looks at; larger meshes are trained in patches.", minimum=100, maximum=10_000_000
     )
@@ -120,7 +128,8 @@ _TYPES = get_type_hints(Settings)
 _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
     ("compact", "denoise"): {},
     ("compact", "complete"): {
-        "steps": 8000, "snapshot_every": 100, "log_every": 10, "laplacian_weight": 0.2, "hold_out": 0.0,
+        "steps": 8000, "snapshot_every": 100, "log_every": 10, "laplacian_weight": 1.0, "laplacian_of": "change", "hold_out": 0.0,
+        "rest_movement": 0.02,
     },
     ("paper", "denoise"): {
         "steps": 5000, "snapshot_every": 50, "width_divisor": 1, "scaling": "box", "hold_out": 0.0, "average": 0.0,
@@ -128,6 +137,10 @@ _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
     ("paper", "complete"): {
         "steps": 8000, "snapshot_every": 100, "log_every": 10, "width_divisor": 1, "scaling": "box", "hold_out": 0.0,
         "average": 0.0, "laplacian_weight": 0.2,
+    },
+    ("best", "complete"): {
+        "method": "made-up-holes", "steps": 800, "snapshot_every": 50, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.0,
+        "average": 0.0,
     },
     ("best", "denoise"): {
         "method": "recorrupted", "steps": 200, "snapshot_every": 10, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.0,
@@ -138,7 +151,7 @@ _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
 
 # What a completion that also denoises changes: the prediction everywhere, under the settings of denoising.
 DENOISE_TOO: Mapping[str, Any] = {
-    "known_vertices": "predict", "laplacian_weight": 1.4, "learning_rate": 0.01, "hold_out": 0.03, "rest_movement": 0.0,
+    "known_vertices": "predict", "laplacian_weight": 1.4, "laplacian_of": "prediction", "learning_rate": 0.01, "hold_out": 0.03, "rest_movement": 0.0,
     "steps": 1000, "snapshot_every": 25, "log_every": 5,
 }  # fmt: skip
 

@@ -39,7 +39,7 @@ def nearest_on_surface(points: ArrayLike, mesh: TriangleMesh) -> tuple[FloatArra
     """
     positions = np.asarray(points, dtype=np.float64)
     if positions.ndim != 2 or positions.shape[1] != 3 or not np.isfinite(positions).all():
-        raise MeshError(f"Points to measure from must be finite and of shape (N, 3), not {positions.shape}.")
+        raise MeshError("Points to measure from must be finite numbers in an array of shape (N, 3).")
     if mesh.n_faces == 0:
         raise MeshError("The mesh to measure to has no faces, so it has no surface.")
     tree = _BoxTree(mesh)

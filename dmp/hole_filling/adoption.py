@@ -75,5 +75,5 @@ def adopted(start: Patch, names: IntArray, proposal: Proposal, n_known: int) -> 
         return None
     patch = start.copy()
     patch.triangles = triangles
-    patch.add_vertices(vertices[new], np.full(len(new), start.wanted[: start.n_rim].mean()))
+    patch.add_vertices(vertices[new] - start.origin, np.full(len(new), start.wanted[: start.n_rim].mean()))
     return patch

@@ -94,7 +94,9 @@ def remarks_on(patch: Patch) -> list[str]:
         CannotCloseError: when the patch lies on the faces around it, or has faces without an area.
     """
     if has_flat_triangles(patch):
-        raise CannotCloseError("It is so narrow that the new faces would have no area.")
+        raise CannotCloseError(
+            "Its sides lie on one another, so that faces between them would have no area. Join its vertices instead."
+        )
     found = folds(patch)
     if found.n_rim > patch.n_rim / 2:
         raise CannotCloseError("The new faces would lie on those around it.")

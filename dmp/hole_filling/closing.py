@@ -8,15 +8,18 @@ from dmp.geometry import face_areas
 from dmp.hole_filling.checking import CannotCloseError, folds, has_flat_triangles, outside_normals, remarks_on, unfolded
 from dmp.hole_filling.fairing import MOST_DIRECT, fair, harmonic
 from dmp.hole_filling.flipping import flip_edges
+from dmp.hole_filling.long_rims import long_rim_triangulation
 from dmp.hole_filling.patch import Patch, edge_keys, half_edges
 from dmp.hole_filling.refinement import collapse_short_edges, refine, split_long_edges, spread_vertices
-from dmp.hole_filling.triangulation import triangulated
+from dmp.hole_filling.triangulation import minimum_weight_triangulation
 from dmp.mesh import FloatArray, IntArray
 
 # More would take minutes here and hours in training.
 MOST_INSERTED = 200_000
 _TOO_LARGE = f"Closing it at the density around it would take more than {MOST_INSERTED:,} new vertices."
 
+# Looking at all triangles takes time with the cube of the number of rim vertices, half a second for this many.
+_LONG_RIM = 300
 # A coarse patch begins with about this many of its edges along the rim.
 _COARSE_RIM = 40
 # Thin plate first; where that folds, which noise at the rim can bring about, more and more of a membrane.
@@ -37,7 +40,8 @@ def surroundings(vertices: FloatArray, faces: IntArray, rim: IntArray) -> tuple[
     names = np.concatenate([rim, np.setdiff1d(faces, rim)])
     order = np.argsort(names)
     collar = order[np.searchsorted(names[order], faces)]
-    positions = vertices[names]
+    origin = vertices[rim].mean(axis=0)
+    positions = vertices[names] - origin
     n, n_rim = len(names), len(rim)
     keys = np.unique(edge_keys(*half_edges(collar), n))
     edges = np.stack([keys // n, keys % n], axis=1)
@@ -49,7 +53,7 @@ def surroundings(vertices: FloatArray, faces: IntArray, rim: IntArray) -> tuple[
         around = wanted[:n_rim]
         wanted[:n_rim] = (np.roll(around, 1) + 2 * around + np.roll(around, -1)) / 4
     outside_edges = edges[(edges < n_rim).all(axis=1)]
-    return Patch(positions, np.empty((0, 3), dtype=np.int64), collar, wanted, n_rim, n, outside_edges), names
+    return Patch(positions, np.empty((0, 3), dtype=np.int64), collar, wanted, n_rim, n, outside_edges, origin), names
 
 
 def close_hole(start: Patch) -> tuple[Patch, list[str]]:
@@ -66,7 +70,7 @@ def close_hole(start: Patch) -> tuple[Patch, list[str]]:
     """
     _refuse_doubled_triangle(start)
     remarks: list[str] = []
-    triangles = triangulated(start.positions[: start.n_rim], outside_normals(start), start.outside_edges)
+    triangles = _triangulated(start)
     begin = start.copy()
     if triangles is None:
         remarks.append(
@@ -89,7 +93,7 @@ def close_hole(start: Patch) -> tuple[Patch, list[str]]:
         patch = unfolded(patch)
         if best is None or folds(patch).n_inner < folds(best).n_inner:
             best = patch
-        if folds(best).n_inner == 0 or best.n_inserted > MOST_DIRECT:
+        if folds(best).n_inner == 0 or not 0 < best.n_inserted <= MOST_DIRECT:
             break
     assert best is not None
     return best, remarks + remarks_on(best)
@@ -119,6 +123,8 @@ def _shape(patch: Patch, tension: float) -> None:
         fair(patch, tension)
         patch.wanted[patch.inserted] = harmonic(patch, patch.wanted[: patch.n_rim, None])[:, 0]
         scale /= 2
+    if not patch.n_inserted:
+        return
     # Fairing has changed lengths once more.
     for _ in range(5 if patch.n_inserted <= MOST_DIRECT else 1):
         before = patch.n_inserted
@@ -135,6 +141,25 @@ def _shape(patch: Patch, tension: float) -> None:
         fair(patch, tension)
         if not has_changed:
             break
+    # Fairing stretches some edges where the surface bulges; along the surface they can be evened out without harm.
+    for _ in range(3):
+        spread_vertices(patch, 3)
+        flip_edges(patch)
+        before = patch.n_inserted
+        flip_edges(patch, collapse_short_edges(patch))
+        if patch.n_inserted == before:
+            break
+
+
+def _triangulated(start: Patch) -> IntArray | None:
+    """Return the triangles of the best triangulation of the rim that was found, or None."""
+    n = start.n_rim
+    corners, normals = start.positions[:n], outside_normals(start)
+    if n > _LONG_RIM:
+        return long_rim_triangulation(corners, normals, start.outside_edges)
+    forbidden = np.zeros((n, n), dtype=bool)
+    forbidden[start.outside_edges[:, 0], start.outside_edges[:, 1]] = True
+    return minimum_weight_triangulation(corners, normals, forbidden | forbidden.T)
 
 
 def _fan(start: Patch) -> Patch:

@@ -79,12 +79,13 @@ def cotangent_laplacian(positions: FloatArray, faces: IntArray) -> tuple[sparse.
     """
     n = len(positions)
     double_area = np.linalg.norm(face_area_vectors(positions, faces), axis=1)
-    floor = np.finfo(float).tiny
     rows, columns, values = [], [], []
     for corner in range(3):
         at, one, two = faces[:, corner], faces[:, (corner + 1) % 3], faces[:, (corner + 2) % 3]
         cosine = np.einsum("fc,fc->f", positions[one] - positions[at], positions[two] - positions[at])
-        cotangent = np.clip(cosine / np.maximum(double_area, floor), -_LARGEST_COTANGENT, _LARGEST_COTANGENT)
+        # Never beyond the limit, and without dividing by an area of 0.
+        below = np.maximum(np.maximum(double_area, np.abs(cosine) / _LARGEST_COTANGENT), np.finfo(float).tiny)
+        cotangent = cosine / below
         rows += [one, two]
         columns += [two, one]
         values += [cotangent / 2, cotangent / 2]

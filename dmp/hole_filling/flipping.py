@@ -28,6 +28,8 @@ def flip_edges(patch: Patch, touched: BoolArray | None = None) -> None:
     if touched is None:
         touched = np.ones(patch.n_vertices, dtype=bool)
     for _ in range(_MOST_PASSES):
+        if not touched.any():
+            return
         near = np.flatnonzero(touched[patch.triangles].any(axis=1))
         edges = inner_edges(patch.triangles[near], patch.n_vertices)
         gain = _gain(patch.positions, edges)
@@ -39,8 +41,6 @@ def flip_edges(patch: Patch, touched: BoolArray | None = None) -> None:
         chosen = candidates[_independent(edges.triangles[candidates], rank, len(near))]
         touched = np.zeros(patch.n_vertices, dtype=bool)
         touched[_flip(patch, edges, near, chosen)] = True
-        if not touched.any():
-            return
 
 
 def smallest_angles(positions: FloatArray, triangles: IntArray) -> FloatArray:

@@ -39,7 +39,7 @@ class GrowingMesh:
         rim = names[: patch.n_rim]  # vertices of the original mesh: only its boundaries are filled
         for parts in self._attributes.values():
             parts.append(continued(patch, parts[0][rim]))
-        self._vertices.append(patch.positions[patch.n_fixed :])
+        self._vertices.append(patch.positions[patch.n_fixed :] + patch.origin)
         self._faces.append(np.concatenate([names, vertices])[patch.triangles])
         self._n_vertices += len(vertices)
         self._n_faces += len(faces)

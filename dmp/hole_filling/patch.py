@@ -15,7 +15,8 @@ class Patch:
     """The triangles that close a hole; changed in place by every stage of the filling.
 
     Attributes:
-        positions: (N, 3); first the ``n_rim`` rim vertices in the order in which the patch runs around them, then the
+        positions: (N, 3), with the middle of the rim at 0, so that a place far from the origin costs no digits; first the
+            ``n_rim`` rim vertices in the order in which the patch runs around them, then the
             other ``n_fixed - n_rim`` vertices of the faces around the rim, then the new ones.
         triangles: (K, 3), the patch, oriented as the mesh.
         collar: (C, 3), the faces of the mesh that touch the rim.
@@ -23,6 +24,7 @@ class Patch:
         n_rim: number of rim vertices.
         n_fixed: number of vertices that the mesh already has.
         outside_edges: (M, 2), the pairs of rim vertices that an edge of the mesh joins, sides of the rim included.
+        origin: (3,), where 0 lies in the mesh.
     """
 
     positions: FloatArray
@@ -32,6 +34,7 @@ class Patch:
     n_rim: int
     n_fixed: int
     outside_edges: IntArray
+    origin: FloatArray
 
     def copy(self) -> Patch:
         """Return a patch that can be changed without changing this one."""

@@ -39,6 +39,8 @@ def refine(patch: Patch, scale: float, max_inserted: int) -> bool:
         touched = split_long_edges(patch, scale)
         if patch.n_inserted > max_inserted:
             return False
+        if not patch.n_inserted:
+            break
         is_settled = np.count_nonzero(touched) < 0.02 * patch.n_vertices
         flip_edges(patch, touched)
         touched = collapse_short_edges(patch, scale)
@@ -78,6 +80,8 @@ def collapse_short_edges(patch: Patch, scale: float = 1.0) -> BoolArray:
         mask (N,) of the vertices at which something changed.
     """
     n = patch.n_vertices
+    if not patch.n_inserted:
+        return np.zeros(n, dtype=bool)
     ends = inner_edges(patch.triangles, n).ends
     pairs = np.concatenate([ends, ends[:, ::-1]])
     ratio = patch.relative_lengths(pairs)

@@ -10,7 +10,7 @@ from dmp.recorrupted.passes import average_normals, follow_normals
 from dmp.recorrupted.products import Incidence, area_vectors, gather_corners, gather_neighbour_rows, gather_neighbours
 
 _N_GEOMETRY = 5
-_FIRST_SHARPNESS = 4.0
+_FIRST_SHARPNESS = 3.0
 
 
 class BilateralLayer(nn.Module):

@@ -58,6 +58,9 @@ class FilterBank(nn.Module):
     Differences and normals turn with the mesh and coefficients do not, so the output turns with it too.
     """
 
+    feature_mean: Tensor
+    feature_scale: Tensor
+
     def __init__(self, width: int = 64, layers: int = 4) -> None:
         super().__init__()
         self.register_buffer("feature_mean", torch.zeros(n_features()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,10 @@ from dmp.operators import normalised_adjacency, to_torch
 from dmp.recorrupted.bilateral import BilateralLayer
 from dmp.recorrupted.face_graph import face_graph
 from dmp.recorrupted.filter_bank import FilterBank
-from dmp.recorrupted.products import Incidence
+from dmp.recorrupted.products import Incidence, product
 from dmp.topology import adjacency
+
+_ANCHOR_STEPS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,11 +27,13 @@ class Operators:
 
     Attributes:
         half_lazy: P = (I + D^-1 A) / 2, (V, V) CSR.
+        half_lazy_transposed: its transpose.
         propagation: D^(-1/2) (A + I) D^(-1/2), (V, V) CSR, symmetric.
         incidence: of faces and vertices.
     """
 
     half_lazy: Tensor
+    half_lazy_transposed: Tensor
     propagation: Tensor
     incidence: Incidence
 
@@ -40,6 +45,7 @@ class Operators:
         half_lazy = 0.5 * (sparse.eye_array(n_vertices) + sparse.diags_array(1.0 / valence) @ neighbours)
         return cls(
             half_lazy=to_torch(sparse.csr_array(half_lazy), device),
+            half_lazy_transposed=to_torch(sparse.csr_array(half_lazy.T), device),
             propagation=to_torch(normalised_adjacency(faces, n_vertices), device),
             incidence=Incidence.of(faces, n_vertices, face_graph(faces, normals), device),
         )
@@ -55,19 +61,30 @@ class RestorationNetwork(nn.Module):
         width: channels on the faces.
     """
 
-    def __init__(
-        self, layers: int, normal_passes: int, vertex_passes: int, width: int = 24, message_width: int = 12
-    ) -> None:
+    def __init__(self, layers: int, normal_passes: int, vertex_passes: int, width: int = 24, message_width: int = 12) -> None:
         super().__init__()
         self.bank = FilterBank()
         self.first = nn.Parameter(torch.zeros(1, width))
+        self.anchor = nn.Parameter(torch.ones(()))
         self.layers = nn.ModuleList([BilateralLayer(width, message_width, normal_passes, vertex_passes) for _ in range(layers)])
+
+    @torch.no_grad()
+    def set_sharpness(self, sharpness: float) -> None:
+        """Start every bilateral layer with this kappa."""
+        for layer in self.layers:
+            if isinstance(layer, BilateralLayer):
+                layer.sharpness.fill_(math.log(sharpness))
 
     def forward(self, positions: Tensor, operators: Operators, level: float) -> Tensor:
         """Return restored positions, (V, 3), of noisy ``positions`` (V, 3) with noise of about ``level``."""
         incidence = operators.incidence
+        given = positions
         positions = self.bank(positions, operators.half_lazy, operators.propagation, incidence, level)
         hidden = self.first.expand(incidence.n_faces, -1)
         for layer in self.layers:
             positions, hidden = layer(positions, hidden, incidence, level)
-        return positions
+        # What is coarse in the input is hardly noise. Given back, it keeps filtered regions and boundaries in their place.
+        coarse = given - positions
+        for _ in range(_ANCHOR_STEPS):
+            coarse = product(operators.half_lazy, operators.half_lazy_transposed, coarse)
+        return positions + self.anchor * coarse

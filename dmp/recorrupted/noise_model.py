@@ -14,6 +14,8 @@ from dmp.topology import adjacency
 # Median length of a two-dimensional standard normal vector, sqrt(2 ln 2).
 _MEDIAN_RAYLEIGH = 1.1774100225154747
 _MAD_TO_SIGMA = 1.4826
+# Squares are averaged over the neighbourhood so many times; this share of the neighbourhoods is called quiet.
+_QUIET_STEPS, _QUIET_SHARE = 4, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +35,14 @@ class NoiseModel:
 
 def lightly_smoothed(positions: FloatArray, faces: IntArray, steps: int = 3) -> FloatArray:
     """Return the positions after ``steps`` averages over the neighbours, (V, 3); a vertex without any stays."""
-    average = _averaging(faces, len(positions))
+    average = averaging(faces, len(positions))
     for _ in range(steps):
         positions = average @ positions
     return positions
 
 
-def _averaging(faces: IntArray, n_vertices: int) -> sparse.csr_array:
+def averaging(faces: IntArray, n_vertices: int) -> sparse.csr_array:
+    """Return D^-1 A, (V, V), each row the mean over the neighbours; a vertex without any is its own mean."""
     neighbours = adjacency(faces, n_vertices)
     valence = neighbours.sum(axis=1)
     lonely = sparse.diags_array((valence == 0).astype(np.float64))
@@ -51,7 +54,8 @@ def estimate_noise(positions: FloatArray, faces: IntArray) -> NoiseModel:
 
     The level is the spread of L^3 y along the normal, with L = I - D^-1 A, each row divided by its length, which makes
     it 1 for white noise of level 1; a smooth shape adds almost nothing to it, and sharp edges are trimmed off at three
-    robust standard deviations. The tangential share compares the median tangential and normal parts of L y. It is an
+    robust standard deviations. Where its quietest neighbourhoods are much quieter than that, it is shape and not noise, and
+    their level is returned instead. The tangential share compares the median tangential and normal parts of L y. It is an
     upper bound: an irregular triangulation looks like tangential noise.
 
     Args:
@@ -60,12 +64,10 @@ def estimate_noise(positions: FloatArray, faces: IntArray) -> NoiseModel:
     """
     n_vertices = len(positions)
     normals = vertex_normals(lightly_smoothed(positions, faces), faces)
-    laplacian = sparse.csr_array(sparse.eye_array(n_vertices) - _averaging(faces, n_vertices))
+    laplacian = sparse.csr_array(sparse.eye_array(n_vertices) - averaging(faces, n_vertices))
 
     cubed = sparse.csr_array(laplacian @ laplacian @ laplacian)
-    along = _normal_part(cubed @ positions, normals) / _row_lengths(cubed)
-    kept = along[np.abs(along) < 3 * _MAD_TO_SIGMA * np.median(np.abs(along))]
-    level = float(np.sqrt(np.mean(kept**2))) if len(kept) else 0.0
+    level = _level(cubed, _normal_part(cubed @ positions, normals) / _row_lengths(cubed), averaging(faces, n_vertices))
 
     umbrella = (laplacian @ positions) / _row_lengths(laplacian)[:, None]
     normal_part = _normal_part(umbrella, normals)
@@ -73,6 +75,21 @@ def estimate_noise(positions: FloatArray, faces: IntArray) -> NoiseModel:
     spread = _MAD_TO_SIGMA * np.median(np.abs(normal_part))
     tangential = float(np.median(across)) / _MEDIAN_RAYLEIGH / spread if spread > 0 else 1.0
     return NoiseModel(level, min(1.0, tangential), normals)
+
+
+def _level(cubed: sparse.csr_array, along: FloatArray, average: sparse.csr_array) -> float:
+    """Return the level of the noise in ``along``, the normalised values of ``cubed``, (V,)."""
+    cap = 3 * _MAD_TO_SIGMA * float(np.median(np.abs(along)))
+    kept = along[np.abs(along) < cap]
+    level = float(np.sqrt(np.mean(kept**2))) if len(kept) else 0.0
+    # Noise is everywhere, the detail of a clean shape is not: where it is quietest there must be noise as well. What the
+    # quietest neighbourhoods of pure noise on this mesh look like is found by trying.
+    pure = (cubed @ np.random.default_rng(0).standard_normal(len(along))) / _row_lengths(cubed)
+    quiet, quiet_pure = np.minimum(along**2, cap**2), np.minimum(pure**2, 9.0)
+    for _ in range(_QUIET_STEPS):
+        quiet, quiet_pure = 0.5 * (quiet + average @ quiet), 0.5 * (quiet_pure + average @ quiet_pure)
+    floor = float(np.sqrt(np.quantile(quiet, _QUIET_SHARE) / max(np.quantile(quiet_pure, _QUIET_SHARE), 1e-300)))
+    return level if floor > 0.5 * level else floor
 
 
 def _normal_part(vectors: FloatArray, normals: FloatArray) -> FloatArray:

@@ -29,7 +29,8 @@ def _face_matrix(own: Tensor, weights: Tensor, incidence: Incidence) -> Tensor:
 
 class _NormalPasses(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, own: Tensor, weights: Tensor, normals: Tensor, incidence: Incidence, passes: int) -> Tensor:
+    def forward(ctx: Any, *inputs: Any) -> Tensor:
+        own, weights, normals, incidence, passes = inputs
         matrix = _face_matrix(own, weights, incidence)
         stages, lengths = [normals], []
         for _ in range(passes):
@@ -62,7 +63,8 @@ class _NormalPasses(torch.autograd.Function):
 class _VertexPasses(torch.autograd.Function):
     # Coordinates come first in here, (3, V) and (3, F), so that products run along the long dimension.
     @staticmethod
-    def forward(ctx: Any, positions: Tensor, normals: Tensor, gates: Tensor, incidence: Incidence, passes: int) -> Tensor:
+    def forward(ctx: Any, *inputs: Any) -> Tensor:
+        positions, normals, gates, incidence, passes = inputs
         normals = normals.t().contiguous()
         moved = positions.t().contiguous()
         kept = []

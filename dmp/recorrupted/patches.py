@@ -13,6 +13,7 @@ from dmp.topology import adjacency
 # Rings of vertices along a cut that take part but are not judged: what the network does there, it does without half of
 # its neighbourhood.
 MARGIN = 5
+_LARGEST_UNJUDGED = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,18 +55,23 @@ def patches(positions: FloatArray, faces: IntArray, size: int) -> list[Patch]:
     if n_vertices <= 1.5 * size:
         return [whole(faces, n_vertices)]
     tree = cKDTree(positions)
-    # The margin eats about a third of a patch; twice as many patches as then needed let every region appear inside one.
-    n_patches = int(np.ceil(2.5 * n_vertices / size))
+    # The margin eats about a third of a patch; so many let most regions appear well inside one, and then some more
+    # around whatever has not yet been judged.
+    wanted = int(np.ceil(2.0 * n_vertices / size))
     neighbours = adjacency(faces, n_vertices)
     distance = np.full(n_vertices, np.inf)
+    unjudged = np.ones(n_vertices, dtype=bool)
     centre = int(np.argmax(np.linalg.norm(positions - positions.mean(axis=0), axis=1)))
-    found = []
-    for _ in range(n_patches):
+    found: list[Patch] = []
+    for number in range(3 * wanted):
         distance = np.minimum(distance, np.linalg.norm(positions - positions[centre], axis=1))
-        patch = _patch(tree.query(positions[centre], k=size)[1], faces, neighbours, n_vertices)
+        patch = _patch(np.asarray(tree.query(positions[centre], k=size)[1]), faces, neighbours, n_vertices)
         if len(patch.judged_faces):
             found.append(patch)
-        centre = int(np.argmax(distance))
+            unjudged[patch.vertices[patch.judged_vertices]] = False
+        if number + 1 >= wanted and np.mean(unjudged) < _LARGEST_UNJUDGED:
+            break
+        centre = int(np.argmax(np.where(unjudged, distance, 0.0) if number + 1 >= wanted else distance))
     return found or [whole(faces, n_vertices)]
 
 

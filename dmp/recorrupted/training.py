@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +19,7 @@ from dmp.recorrupted.filter_bank import diffusions, invariants
 from dmp.recorrupted.losses import normal_loss, position_loss, weighted
 from dmp.recorrupted.network import Operators, RestorationNetwork
 from dmp.recorrupted.noise_model import NoiseModel, estimate_noise, lightly_smoothed
+from dmp.recorrupted.outliers import find_outliers, replaced
 from dmp.recorrupted.patches import Patch, patches, whole
 from dmp.recorrupted.products import area_vectors
 from dmp.settings import Settings
@@ -25,6 +27,9 @@ from dmp.training import Training
 
 # Below this level, in mean edge lengths, features are not divided by the noise any more.
 _LEAST_LEVEL = 0.01
+# Up to the first level an estimate cannot be told from the irregularity of a clean mesh, which then stays as it is; from
+# the second level on the network has its way.
+_NO_NOISE, _SURE_NOISE = 0.01, 0.03
 _LARGEST_GRADIENT = 2.0
 # Area vectors of a lightly smoothed mesh scale the normal term; a sliver's would let its noise count without bound.
 _LEAST_AREA_VECTOR = 0.15
@@ -32,6 +37,8 @@ _LEAST_AREA_VECTOR = 0.15
 _LAST_RATE = 0.05
 # and grows from nothing over so many steps: Adam's first steps are as long as the rate, however small the gradient.
 _WARM_UP = 20
+# Starts of the bilateral weights among which the risk of the untrained network chooses: from smooth to sharp shapes.
+_SHARPNESSES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,16 +57,21 @@ class _Piece:
 class RecorruptedTraining(Training):
     """Trains a network to restore the mesh from copies with more noise, judged by copies with independent noise.
 
-    Each step draws z, feeds y + sigma z and asks for y - sigma z: for Gaussian noise of level sigma the errors of the two
-    are independent (Pang et al., "Recorrupted-to-Recorrupted", CVPR 2021). The prediction is the network's output for y.
+    Each step draws z, feeds y + a sigma z and asks for y - sigma z / a: for Gaussian noise of level sigma the errors of the two
+    are independent (Pang et al., "Recorrupted-to-Recorrupted", CVPR 2021). The prediction is the output for y itself of a
+    network whose weights are the running average (``settings.average``) of the trained ones: single weights swing, mostly
+    along the surface, and their average does not.
     """
 
     def __init__(self, problem: Problem, settings: Settings, *, run_id: str | None = None) -> None:
         super().__init__(problem, settings, np.zeros(0, dtype=np.int64), run_id)
         faces = problem.mesh.faces
         positions = (problem.target - problem.origin) / problem.edge_length
+        self.outliers = find_outliers(positions, faces)
+        positions = replaced(positions, faces, self.outliers)
         self.noise = _with_settings(estimate_noise(positions, faces), settings)
         self._level = max(self.noise.level, _LEAST_LEVEL)
+        self._trust = float(np.clip((self.noise.level - _NO_NOISE) / (_SURE_NOISE - _NO_NOISE), 0, 1))
         self._scale = problem.edge_length / problem.unit
 
         smoothed = lightly_smoothed(positions, faces)
@@ -77,15 +89,22 @@ class RecorruptedTraining(Training):
         self._network = network.to(self.device)
         first = self._pieces[0]
         differences, normals = diffusions(
-            first.positions + self._noise(first), first.operators.half_lazy, first.operators.incidence
+            first.positions + settings.recorruption * self._noise(first), first.operators.half_lazy, first.operators.incidence
         )
         network.bank.standardise(invariants(differences, normals, self._level)[0])
+        network.set_sharpness(min(_SHARPNESSES, key=self._risk_at))
+        self._average = copy.deepcopy(network)
         self._optimiser = torch.optim.Adam(self._network.parameters(), lr=settings.learning_rate, fused=True)
 
     @property
     def n_parameters(self) -> int:
         """Number of trained values in the network."""
         return sum(parameter.numel() for parameter in self._network.parameters())
+
+    def _risk_at(self, sharpness: float) -> float:
+        """Return the loss of the network when it starts with this sharpness; the noise is the same for each."""
+        self._network.set_sharpness(sharpness)
+        return self._losses_before()["total_loss"].item()
 
     def _piece(self, patch: Patch, positions: FloatArray, areas: FloatArray) -> _Piece:
         own = areas[patch.face_indices]
@@ -113,8 +132,8 @@ class RecorruptedTraining(Training):
         chosen = torch.randint(len(self._pieces), (), generator=self._generator) if len(self._pieces) > 1 else 0
         piece = self._pieces[int(chosen)]
         noise = self._noise(piece)
-        output = self._network(piece.positions + noise, piece.operators, self._level)
-        target = piece.positions - noise
+        output = self._network(piece.positions + self.settings.recorruption * noise, piece.operators, self._level)
+        target = piece.positions - noise / self.settings.recorruption
         position = position_loss(_rows(output, piece.judged_vertices), _rows(target, piece.judged_vertices))
         faces = piece.operators.incidence.corners.view(3, -1)
         if piece.judged_faces is not None:
@@ -146,14 +165,22 @@ class RecorruptedTraining(Training):
         for group in self._optimiser.param_groups:
             group["lr"] = self.settings.learning_rate * float(rate)
         self._optimiser.step()
+        # The average begins short, so that the first, poor weights are soon forgotten.
+        decay = min(self.settings.average, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            for mean, weight in zip(self._average.parameters(), self._network.parameters(), strict=True):
+                mean.lerp_(weight, 1 - decay)
 
     @torch.no_grad()
     def _prediction(self) -> Tensor:
-        return self._network(self._whole.positions, self._whole.operators, self._level) * self._scale
+        before = self._whole.positions
+        after = self._average(before, self._whole.operators, self._level)
+        return torch.lerp(before, after, self._trust) * self._scale
 
     def _weights(self) -> dict[str, Any]:
         return {
             "network": self._network.state_dict(),
+            "average": self._average.state_dict(),
             "optimiser": self._optimiser.state_dict(),
             "generator": self._generator.get_state(),
         }
@@ -162,6 +189,7 @@ class RecorruptedTraining(Training):
         if len(state["optimiser"]["param_groups"][0]["params"]) != len(list(self._network.parameters())):
             raise TrainingError("The checkpoint belongs to a network of another depth.")
         self._network.load_state_dict(state["network"])
+        self._average.load_state_dict(state["average"])
         self._optimiser.load_state_dict(state["optimiser"])
         self._generator.set_state(state["generator"].cpu())
 

@@ -47,7 +47,8 @@ DEVELOPMENT_SHAPES: Mapping[str, Callable[[], TriangleMesh]] = MappingProxyType(
         # One shape, several resolutions.
         "fan-block-2k": lambda: mesh_solid(mechanical.fan_block(), 2000),
         "fan-block-20k": lambda: mesh_solid(mechanical.fan_block(), 20_000),
-        "dinosaur-3k": lambda: mesh_solid(organic.dinosaur(), 3000),
+        "blob-2k": lambda: mesh_solid(organic.blob(4), 2000),
+        "dinosaur-4k": lambda: mesh_solid(organic.dinosaur(), 4000),
         "dinosaur-20k": lambda: mesh_solid(organic.dinosaur(), 20_000),
         # Irregular triangles.
         "random-blob": lambda: mesh_solid(organic.blob(3), 5000, relaxation_steps=0),

@@ -32,19 +32,8 @@ def separating_faces(solid: Solid, points: FloatArray) -> IntArray:
     # Many points in one plane make Qhull slow and leave flat tetrahedra on the hull; slightly curved faces avoid both.
     squared = (points**2).sum(axis=1, keepdims=True)
     tetrahedra = Delaunay(points * (1.0 - 1e-3 * squared / squared.max()))
-    at_centroid, at_centre = _values(solid, points[tetrahedra.simplices])
-    faces = _faces_between(tetrahedra, _inside(tetrahedra, at_centre, len(points)), points)
-    bad = _tangled(faces, len(points))
-    if bad.any():
-        # Where the surface touches itself, as at a thin rim, the centroids separate better than the spheres' centres.
-        values = np.where(bad[tetrahedra.simplices].any(axis=1), at_centroid, at_centre)
-        faces = _faces_between(tetrahedra, _inside(tetrahedra, values, len(points)), points)
-    return faces
-
-
-def _faces_between(tetrahedra: Delaunay, inside: BoolArray, points: FloatArray) -> IntArray:
-    """Return the faces of inside tetrahedra that have an outside neighbour, oriented and ordered, (F, 3)."""
-    tetrahedron, opposite = _boundary(tetrahedra, inside)
+    values = _side(solid, points[tetrahedra.simplices])
+    tetrahedron, opposite = _boundary(tetrahedra, _inside(tetrahedra, values, len(points)))
     others = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
     faces = tetrahedra.simplices[tetrahedron[:, None], others[opposite]].astype(np.int64)
     apex = points[tetrahedra.simplices[tetrahedron, opposite]]
@@ -55,19 +44,17 @@ def _faces_between(tetrahedra: Delaunay, inside: BoolArray, points: FloatArray) 
     return faces[np.lexsort(faces.T[::-1])]
 
 
-def _values(solid: Solid, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the solid's values for tetrahedra (N, 4, 3): at their centroids, and at the centres of their spheres.
+def _side(solid: Solid, corners: FloatArray) -> FloatArray:
+    """Return a value for each tetrahedron (N, 4, 3), negative if it is inside: that at the centre of its sphere.
 
-    Where the centroid is clearly on one side, its value stands for both: in a wedge of an acute angle the spheres' centres
-    are on the wrong side.
+    Where its centroid is clearly on one side, this decides: in a wedge of an acute angle the spheres' centres err.
     """
     centroids = corners.mean(axis=1)
     sizes = np.sqrt(((corners - centroids[:, None]) ** 2).sum(axis=2)).mean(axis=1)
-    at_centroid = solid.value(centroids)
-    at_centre = at_centroid.copy()
-    doubtful = np.abs(at_centroid) <= _CLEAR * sizes
-    at_centre[doubtful] = solid.value(_circumcentres(corners[doubtful]))
-    return at_centroid, at_centre
+    values = solid.value(centroids)
+    doubtful = np.abs(values) <= _CLEAR * sizes
+    values[doubtful] = solid.value(_circumcentres(corners[doubtful]))
+    return values
 
 
 def _circumcentres(corners: FloatArray) -> FloatArray:
@@ -89,7 +76,7 @@ def _inside(tetrahedra: Delaunay, values: FloatArray, n_points: int) -> BoolArra
     """
     inside = values < 0
     neighbours_inside = (tetrahedra.neighbors >= 0) & inside[tetrahedra.neighbors]
-    # A tetrahedron all of whose neighbours are on the other side is none of the surface's business.
+    # A tetrahedron all of whose neighbours are on the other side would be a bubble of its own.
     alone = (neighbours_inside != inside[:, None]).all(axis=1)
     inside[alone] = ~inside[alone]
     for _ in range(3):
@@ -116,15 +103,13 @@ def _boundary(tetrahedra: Delaunay, inside: BoolArray) -> tuple[IntArray, IntArr
 
 def is_closed_surface(faces: IntArray, n_vertices: int) -> bool:
     """Tell whether every vertex is used, every edge has two faces and the faces around each vertex form one fan."""
+    _, counts = edge_face_counts(faces)
     used = np.bincount(faces.ravel(), minlength=n_vertices)
-    return bool((used > 0).all()) and not _tangled(faces, n_vertices).any()
+    return bool((counts == 2).all() and (used > 0).all()) and _n_fans(faces, n_vertices) == n_vertices
 
 
-def _tangled(faces: IntArray, n_vertices: int) -> BoolArray:
-    """Return which vertices lie on an edge without exactly two faces, or join several fans of faces, (V,) bool."""
-    edges, counts = edge_face_counts(faces)
-    tangled = np.zeros(n_vertices, dtype=bool)
-    tangled[edges[counts != 2].ravel()] = True
+def _n_fans(faces: IntArray, n_vertices: int) -> int:
+    """Return the number of fans of a closed mesh: groups of face corners at one vertex, joined across shared edges."""
     corner = np.arange(faces.size).reshape(-1, 3)
     following = np.roll(corner, -1, axis=1).ravel()
     tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
@@ -133,8 +118,4 @@ def _tangled(faces: IntArray, n_vertices: int) -> BoolArray:
     # The corner at the tail of a half-edge and the corner at the head of the opposite one lie at the same vertex.
     partner = following[order[np.minimum(opposite, faces.size - 1)]]
     graph = sparse.csr_array((np.ones(faces.size), (corner.ravel(), partner)), shape=(faces.size, faces.size))
-    n_fans, fan = csgraph.connected_components(graph, directed=False)
-    vertex_of_fan = np.zeros(n_fans, dtype=np.int64)
-    vertex_of_fan[fan] = faces.ravel()
-    tangled |= np.bincount(vertex_of_fan, minlength=n_vertices) > 1
-    return tangled
+    return int(csgraph.connected_components(graph, directed=False)[0])

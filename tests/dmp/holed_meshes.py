@@ -8,7 +8,7 @@ from dmp.mesh import BoolArray, TriangleMesh
 from tests.meshes import grid_mesh, sphere_mesh
 
 
-def without_faces(mesh: TriangleMesh, gone: BoolArray) -> TriangleMesh:
+def without_faces(mesh: TriangleMesh, gone: np.bool_ | BoolArray) -> TriangleMesh:
     """Take faces away, and the vertices that no face needs any more."""
     faces = mesh.faces[~gone]
     used = np.zeros(mesh.n_vertices, dtype=bool)
@@ -157,9 +157,7 @@ def seven_vertex_torus_without_a_vertex() -> TriangleMesh:
     i = np.arange(7)
     faces = np.concatenate([np.stack([i, i + 1, i + 3], axis=1), np.stack([i, i + 3, i + 2], axis=1)]) % 7
     # Császár's polyhedron: the seven-vertex torus with flat faces that do not meet.
-    points = np.array(
-        [[3, -3, 0], [3, 3, 1], [1, 2, 3], [-1, -2, 3], [-3, -3, 1], [-3, 3, 0], [0, 0, 15]], dtype=float
-    )
+    points = np.array([[3, -3, 0], [3, 3, 1], [1, 2, 3], [-1, -2, 3], [-3, -3, 1], [-3, 3, 0], [0, 0, 15]], dtype=float)
     return without_vertices(TriangleMesh(points, faces), i == 6)
 
 

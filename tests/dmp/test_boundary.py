@@ -29,7 +29,7 @@ def assert_closed_cycle(loop: BoundaryLoop) -> None:
 def sheets_side_by_side(*meshes: TriangleMesh) -> TriangleMesh:
     vertices, faces, n = [], [], 0
     for k, mesh in enumerate(meshes):
-        vertices.append(mesh.vertices + [100.0 * k, 0, 0])
+        vertices.append(mesh.vertices + np.array([100.0 * k, 0, 0]))
         faces.append(mesh.faces + n)
         n += mesh.n_vertices
     return TriangleMesh(np.concatenate(vertices), np.concatenate(faces))
@@ -40,7 +40,7 @@ class TestLoops:
         assert boundary_loops(cube) == ()
 
     def test_a_mesh_without_faces_has_none(self) -> None:
-        assert boundary_loops(TriangleMesh(np.zeros((3, 3)), np.empty((0, 3)))) == ()
+        assert boundary_loops(TriangleMesh(np.zeros((3, 3)), np.empty((0, 3), dtype=np.int64))) == ()
 
     def test_a_missing_face_leaves_its_outline_backwards(self, tetrahedron: TriangleMesh) -> None:
         (loop,) = boundary_loops(TriangleMesh(tetrahedron.vertices, tetrahedron.faces[1:]))
@@ -102,7 +102,7 @@ class TestTouchingLoops:
     def test_sheets_that_touch_in_a_corner_have_a_rim_each(self) -> None:
         sheet = grid_mesh(3)
         joined = TriangleMesh(
-            np.concatenate([sheet.vertices, sheet.vertices[1:] + [2, 2, 0]]),
+            np.concatenate([sheet.vertices, sheet.vertices[1:] + np.array([2, 2, 0])]),
             np.concatenate([sheet.faces, np.where(sheet.faces == 0, 8, sheet.faces + 8)]),
         )
         loops = boundary_loops(joined)

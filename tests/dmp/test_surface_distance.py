@@ -98,10 +98,10 @@ def test_no_points_give_no_distances() -> None:
 
 @pytest.mark.parametrize("points", [np.zeros(3), np.zeros((4, 2)), [[np.nan, 0, 0]]])
 def test_points_that_are_none_are_refused(points: object) -> None:
-    with pytest.raises(MeshError, match="must be finite and of shape"):
+    with pytest.raises(MeshError, match="finite numbers in an array of shape"):
         distance_to_surface(points, sphere_mesh(1))  # type: ignore[arg-type]
 
 
 def test_a_mesh_without_faces_is_refused() -> None:
     with pytest.raises(MeshError, match="no faces"):
-        distance_to_surface(np.zeros((1, 3)), TriangleMesh(np.zeros((3, 3)), np.empty((0, 3))))
+        distance_to_surface(np.zeros((1, 3)), TriangleMesh(np.zeros((3, 3)), np.empty((0, 3), dtype=np.int64)))

@@ -1,0 +1,1 @@
+"""Completion learnt from holes that are made up where the truth is known."""

@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dmp.geometry import vertex_normals
+from dmp.mesh import TriangleMesh
+from dmp.recorrupted.noise_model import estimate_noise
+from dmp.recorrupted.outliers import find_outliers, replaced
+from tests.meshes import sphere_mesh
+
+
+def solid_cube(n: int) -> TriangleMesh:
+    """The surface of a cube with n x n squares of side 1 on each of its sides."""
+    corners: dict[tuple[int, ...], int] = {}
+    faces = []
+    for axis, far in ((axis, far) for axis in range(3) for far in (0, 1)):
+        for i, j in ((i, j) for i in range(n) for j in range(n)):
+            square = []
+            for a, b in ((0, 0), (1, 0), (1, 1), (0, 1)):
+                place = [0, 0, 0]
+                place[axis], place[(axis + 1) % 3], place[(axis + 2) % 3] = n * far, i + a, j + b
+                square.append(corners.setdefault(tuple(place), len(corners)))
+            a, b, c, d = square if far else square[::-1]
+            faces += [[a, b, c], [a, c, d]]
+    return TriangleMesh(np.array(list(corners), dtype=float), np.array(faces))
+
+
+@pytest.fixture(scope="module")
+def ball() -> TriangleMesh:
+    """A sphere with 4098 vertices and mean edge length 1, so that noise is in edge lengths."""
+    mesh = sphere_mesh(5)
+    lengths = np.linalg.norm(mesh.vertices[mesh.faces[:, 0]] - mesh.vertices[mesh.faces[:, 1]], axis=1)
+    return mesh.with_vertices(mesh.vertices / lengths.mean())
+
+
+@pytest.mark.parametrize("level", [0.1, 0.2, 0.4])
+def test_level_of_isotropic_noise_is_found(ball: TriangleMesh, level: float) -> None:
+    noise = level * np.random.default_rng(1).standard_normal(ball.vertices.shape)
+    found = estimate_noise(ball.vertices + noise, ball.faces)
+    assert found.level == pytest.approx(level, rel=0.1)
+    assert found.tangential > 0.8
+
+
+def test_level_of_uniform_noise_is_found(ball: TriangleMesh) -> None:
+    noise = np.random.default_rng(1).uniform(-0.35, 0.35, ball.vertices.shape)
+    assert estimate_noise(ball.vertices + noise, ball.faces).level == pytest.approx(0.35 / np.sqrt(3), rel=0.1)
+
+
+def test_noise_along_the_normal_is_told_from_isotropic_noise(ball: TriangleMesh) -> None:
+    heights = 0.2 * np.random.default_rng(1).standard_normal((ball.n_vertices, 1))
+    found = estimate_noise(ball.vertices + heights * vertex_normals(ball.vertices, ball.faces), ball.faces)
+    assert found.level == pytest.approx(0.2, rel=0.1)
+    assert found.tangential < 0.6
+
+
+def test_a_clean_shape_has_hardly_any(ball: TriangleMesh) -> None:
+    assert estimate_noise(ball.vertices, ball.faces).level < 0.01
+
+
+def test_the_corners_and_edges_of_a_clean_cube_are_not_noise() -> None:
+    """Most of its vertices lie on flat sides, and the rest is shape."""
+    cube = solid_cube(20)
+    assert estimate_noise(cube.vertices, cube.faces).level < 1e-6
+    assert not find_outliers(cube.vertices, cube.faces).any()
+
+
+@pytest.mark.parametrize(("share", "level"), [(0.2, 1.0), (0.1, 1.5), (0.3, 0.5)])
+def test_impulsive_noise_is_found_and_put_right(ball: TriangleMesh, share: float, level: float) -> None:
+    generator = np.random.default_rng(4)
+    hit = generator.random(ball.n_vertices) < share
+    noisy = ball.vertices + hit[:, None] * level * generator.standard_normal(ball.vertices.shape)
+    found = find_outliers(noisy, ball.faces)
+    assert abs(found.mean() - share) < 0.25 * share
+    repaired = replaced(noisy, ball.faces, found)
+    assert np.array_equal(repaired[~found], noisy[~found])
+    error = np.linalg.norm(repaired - ball.vertices, axis=1).mean()
+    assert error < 0.3 * np.linalg.norm(noisy - ball.vertices, axis=1).mean()
+    assert estimate_noise(repaired, ball.faces).level < 0.03
+
+
+@pytest.mark.parametrize("level", [0.0, 0.1, 0.3, 0.6])
+def test_noise_everywhere_is_not_impulsive(ball: TriangleMesh, level: float) -> None:
+    generator = np.random.default_rng(5)
+    assert not find_outliers(ball.vertices + level * generator.standard_normal(ball.vertices.shape), ball.faces).any()
+    assert not find_outliers(ball.vertices + level * generator.uniform(-1, 1, ball.vertices.shape), ball.faces).any()

@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from dmp.errors import TrainingError
+from dmp.mesh import TriangleMesh
+from dmp.methods import training_for
+from dmp.problem import denoising
+from dmp.recorrupted.patches import patches
+from dmp.recorrupted.training import RecorruptedTraining
+from dmp.settings import settings_for
+from dmp.training import Training
+from tests.meshes import grid_mesh, sphere_mesh
+
+
+def _training(mesh: TriangleMesh, truth: TriangleMesh | None = None, **overrides: object) -> Training:
+    small = {"steps": 6, "snapshot_every": 3, "threads": 1, "device": "cpu", "bilateral_layers": 2, "normal_passes": 2}
+    settings = settings_for("denoise", "best", **{**small, **overrides})
+    return training_for(denoising(mesh, settings, truth), settings)
+
+
+def _result(training: Training) -> np.ndarray:
+    *_, last = training.steps()
+    assert last.snapshot is not None
+    return last.snapshot.vertices
+
+
+def _noisy(mesh: TriangleMesh, level: float, seed: int = 0) -> TriangleMesh:
+    return mesh.with_vertices(mesh.vertices + level * np.random.default_rng(seed).standard_normal(mesh.vertices.shape))
+
+
+def test_the_preset_trains_with_recorruption_and_restores(noisy_sphere: TriangleMesh, sphere: TriangleMesh) -> None:
+    training = _training(noisy_sphere, sphere, steps=20, snapshot_every=10)
+    assert isinstance(training, RecorruptedTraining)
+    records = [record for record in training.steps() if record.snapshot]
+    assert [record.step for record in records] == [0, 10, 20]
+    assert {"total_loss", "position_loss", "normal_loss", "input_distance"} <= set(records[-1].metrics)
+    truth = training.problem.ground_truth
+    assert truth is not None
+    assert records[-1].metrics["mad"] < 0.5 * truth.mad(noisy_sphere.vertices)
+    assert records[-1].metrics["vertex_error"] < truth.vertex_error(noisy_sphere.vertices)
+
+
+def test_a_clean_mesh_stays_as_it_is() -> None:
+    mesh = sphere_mesh(4)
+    result = _result(_training(mesh, mesh, steps=2, snapshot_every=2))
+    assert np.abs(result - mesh.vertices).max() < 1e-5
+
+
+def test_going_on_from_a_state_gives_the_same_bits(noisy_sphere: TriangleMesh) -> None:
+    whole = _training(noisy_sphere)
+    expected = _result(whole)
+    first = _training(noisy_sphere)
+    for record in first.steps():
+        if record.step == 3:
+            break
+    state = first.state()
+    second = _training(noisy_sphere)
+    second.load_state(state)
+    assert np.array_equal(_result(second), expected)
+    other = _training(noisy_sphere, seed=1)
+    assert not np.array_equal(_result(other), expected)
+
+
+def test_a_state_of_another_network_is_refused(noisy_sphere: TriangleMesh) -> None:
+    state = _training(noisy_sphere, bilateral_layers=3).state()
+    with pytest.raises(TrainingError):
+        _training(noisy_sphere).load_state(state)
+
+
+def test_scale_and_place_of_the_file_do_not_matter(noisy_sphere: TriangleMesh) -> None:
+    moved = noisy_sphere.with_vertices(1000 * noisy_sphere.vertices + 5000)
+    assert np.abs((_result(_training(moved)) - 5000) / 1000 - _result(_training(noisy_sphere))).max() < 1e-3
+
+
+def test_the_callers_random_numbers_are_left_alone(noisy_sphere: TriangleMesh) -> None:
+    torch.manual_seed(3)
+    expected = torch.rand(4)
+    torch.manual_seed(3)
+    list(_training(noisy_sphere, steps=1).steps())
+    assert torch.equal(torch.rand(4), expected)
+
+
+def _crossing_sheets() -> TriangleMesh:
+    """Two sheets that share the vertices of one line: its edges have four faces."""
+    sheet = grid_mesh(9)
+    upright = sheet.vertices[:, [2, 1, 0]] + np.array([4.0, 0.0, -4.0])
+    numbers = np.arange(81) + 81
+    line = np.flatnonzero(np.abs(upright[:, 2]) < 1e-9)
+    for vertex in line:
+        numbers[vertex] = int(np.argmin(np.linalg.norm(sheet.vertices - upright[vertex], axis=1)))
+    faces = np.vstack([sheet.faces, numbers[sheet.faces]])
+    used, compact = np.unique(faces, return_inverse=True)
+    return TriangleMesh(np.vstack([sheet.vertices, upright])[used], compact.reshape(-1, 3))
+
+
+def _two_parts() -> TriangleMesh:
+    ball = sphere_mesh(2)
+    sheet = grid_mesh(9)
+    return TriangleMesh(
+        np.vstack([6 * ball.vertices, sheet.vertices + np.array([20.0, 0, 0])]),
+        np.vstack([ball.faces, sheet.faces + ball.n_vertices]),
+    )
+
+
+def _with_flat_faces() -> TriangleMesh:
+    mesh = grid_mesh(9)
+    return TriangleMesh(mesh.vertices, np.vstack([mesh.faces, [[0, 1, 2], [3, 3, 4]]]))
+
+
+@pytest.mark.parametrize(
+    "mesh", [grid_mesh(10), _crossing_sheets(), _two_parts(), _with_flat_faces()], ids=["boundary", "crossing", "parts", "flat"]
+)
+def test_any_trainable_mesh_gets_better(mesh: TriangleMesh) -> None:
+    training = _training(_noisy(mesh, 0.15), mesh, steps=25, snapshot_every=25)
+    vertices = _result(training)
+    truth = training.problem.ground_truth
+    assert truth is not None
+    assert np.isfinite(vertices).all()
+    assert truth.mad(vertices) < truth.mad(training.problem.target)
+    assert truth.vertex_error(vertices) < truth.vertex_error(training.problem.target)
+
+
+def test_patches_cover_the_mesh_and_judge_only_away_from_cuts() -> None:
+    mesh = sphere_mesh(4)
+    parts = patches(mesh.vertices, mesh.faces, 600)
+    judged = np.zeros(mesh.n_vertices, dtype=int)
+    for part in parts:
+        assert len(part.vertices) <= 600
+        assert np.array_equal(part.vertices[part.faces], mesh.faces[part.face_indices])
+        judged[part.vertices[part.judged_vertices]] += 1
+        # A judged vertex has all its faces in the patch.
+        inside = np.isin(mesh.faces, part.vertices[part.judged_vertices]).any(axis=1)
+        assert np.isin(np.flatnonzero(inside), part.face_indices).all()
+    assert (judged > 0).mean() > 0.99
+    assert len(patches(mesh.vertices, mesh.faces, 1000)) == 1
+
+
+def test_training_in_patches_restores_the_whole(sphere: TriangleMesh) -> None:
+    mesh = sphere_mesh(4)
+    training = _training(_noisy(mesh, 0.02), mesh, steps=15, snapshot_every=15, patch_size=600)
+    vertices = _result(training)
+    truth = training.problem.ground_truth
+    assert truth is not None
+    assert truth.mad(vertices) < 0.5 * truth.mad(training.problem.target)
