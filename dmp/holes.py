@@ -20,6 +20,8 @@ from dmp.mesh import BoolArray, IntArray, TriangleMesh, read_only
 
 Method = Literal["auto", "own", "meshlab"]
 
+_MOST_REMARKS = 5
+
 OUTER_RIM = "It is the outer rim of an open surface."
 
 
@@ -192,6 +194,12 @@ def _notes(patches: Sequence[FilledHole], left_open: Sequence[OpenBoundary], not
         for patch in patches
         for remark in patch.remarks
     ]
+    if len(remarks) > _MOST_REMARKS:
+        more = len(remarks) - _MOST_REMARKS
+        remarks = [
+            *remarks[:_MOST_REMARKS],
+            f"There {'is' if more == 1 else 'are'} {more:,} more such remarks about single holes.",
+        ]
     return (first, *open_notes, *notes, *remarks)
 
 

@@ -133,16 +133,19 @@ def _run_child(folder: Path, time_limit: float, memory_limit: int) -> None:
         raise MeshError(f"MeshLab could not be started: {problem.strerror}.") from problem
     if child.returncode == 0:
         return
+    if child.returncode not in (3, 4, 5):
+        raise MeshError(f"MeshLab crashed ({_cause_of_death(child.returncode)}).")
     lines = child.stderr.decode("utf-8", errors="replace").strip().splitlines()
     said = lines[-1].strip().rstrip(".") if lines else "it gave no reason"
-    if child.returncode < 0:
-        try:
-            name = signal.Signals(-child.returncode).name
-        except ValueError:
-            name = f"signal {-child.returncode}"
-        raise MeshError(f"MeshLab crashed ({name}).")
     if child.returncode == 3:
         raise MeshError(f"MeshLab cannot be used here ({said}). Install it with 'pip install pymeshlab'.")
     if child.returncode == 5:
         raise MeshError(f"MeshLab needed more than {memory_limit / 2**30:.3g} GB of memory.")
     raise MeshError(f"MeshLab could not do it: {said}.")
+
+
+def _cause_of_death(exit_code: int) -> str:
+    try:
+        return signal.Signals(-exit_code).name
+    except ValueError:
+        return f"exit code {exit_code}"

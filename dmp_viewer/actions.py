@@ -60,6 +60,7 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec("edges", "view", "Show &edges", "E",
                "Draw the edges of the triangles.", "edges", checkable=True, separated=True),
     ActionSpec("link", "view", "&Link cameras", "L", "Turn all three panes together.", "link", checkable=True),
+    ActionSpec("z_up", "view", "&Z axis up", "Z", "Let the Z axis point up instead of the Y axis.", checkable=True),
     ActionSpec("reset_view", "view", "&Fit view", "R", "Show the whole mesh in all panes.", "fit"),
     ActionSpec("show_panel", "view", "Run pa&nel", "F9", "Show or hide the run panel.", checkable=True, separated=True),
     ActionSpec("show_curve", "view", "&Curve", "F10", "Show or hide the training curve.", checkable=True),
@@ -104,6 +105,8 @@ def build(parent: QWidget, handlers: dict[str, Callable[[], None]]) -> dict[str,
         action = QAction(spec.text, parent)
         action.setObjectName(spec.name)
         action.setCheckable(spec.checkable)
+        # In a menu the picture would take the place of the check mark.
+        action.setIconVisibleInMenu(not spec.checkable)
         if spec.key:
             action.setShortcut(QKeySequence(spec.key))
         plain = spec.text.replace("&", "").rstrip("…")

@@ -102,7 +102,7 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
     if batch:
         # A picture made by a script looks the same whatever a person has chosen before, and changes none of it.
         preferences = preferences_file.Preferences(theme=arguments.theme or "light")
-    window = MainWindow(multi_samples=opengl.multi_samples, tasks=tuple(TASKS), devices=available_devices())
+    window = MainWindow(multi_samples=opengl.multi_samples, tasks=TASKS, devices=available_devices())
     controller = Controller(window, preferences, None if batch else path)
     startup.install_hooks(controller.tell_error)
     settings = settings_for(arguments.task, arguments.preset, **arguments.overrides)

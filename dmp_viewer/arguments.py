@@ -78,7 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("path", nargs="?", type=Path, metavar="MESH|RUN", help="mesh file or run folder to open")
     parser.add_argument("--ground-truth", type=Path, metavar="GT", help="clean mesh with the same faces, to measure against")
-    parser.add_argument("--task", choices=tuple(TASKS), default="denoise", help="what to do (default: %(default)s)")
+    parser.add_argument("--task", choices=TASKS, default="denoise", help="what to do (default: %(default)s)")
     parser.add_argument("--start", action="store_true", help="start training at once")
     parser.add_argument("--steps", type=int, metavar="N", help="training steps")
     parser.add_argument("--preset", choices=method.choices("preset"), default="compact", help="settings to begin with")

@@ -13,6 +13,7 @@ from dmp.mesh import FloatArray
 Quantity = Literal["magnitude", "signed", "plain"]
 RangePolicy = Literal["step", "run"]
 Unit = Literal["edges", "file"]
+UpAxis = Literal["y", "z"]
 
 Values = NDArray[np.float32]
 ColorTable = NDArray[np.uint8]

@@ -13,7 +13,7 @@ from pathlib import Path
 from qtpy.QtCore import QObject, QTimer, Signal
 from qtpy.QtWidgets import QApplication
 
-from dmp.errors import DmpError
+from dmp.errors import DmpError, NoHolesError
 from dmp.runs import Run, default_runs_folder, is_run_folder
 from dmp.snapshot import Snapshot
 from dmp_viewer import settings as preferences_file
@@ -80,6 +80,7 @@ class Controller(QObject):
         window.curve.stepClicked.connect(self._on_curve_step_clicked)
         window.curve.logAxisChanged.connect(self._on_curve_log_axis_changed)
         window.curve.smoothingChanged.connect(self._on_curve_smoothing_changed)
+        window.panel.taskChosen.connect(self.opener.change_task)
         window.timeline.stepChosen.connect(self.workspace.show_step)
         window.timeline.playToggled.connect(window.named_actions["play"].setChecked)
         runner.stateChanged.connect(self._on_runner_state_changed)
@@ -111,18 +112,20 @@ class Controller(QObject):
     def say(self, message: Message) -> None:
         """Show a message in the window."""
         self.window.banners.show_message(message)
-        if message.kind == "error":
-            self.opener.forget_start()
-            self.errorTold.emit(message.text)
 
     def tell_error(self, error: BaseException, doing: str = "") -> None:
         """Tell an error: as it stands when it was made for people, otherwise as a fault of the program with its details."""
+        self.opener.forget_start()
         if isinstance(error, DmpError):
-            self.say(Message("error", str(error)))
+            # Without holes there is nothing to do, and nothing wrong.
+            self.say(Message("info" if isinstance(error, NoHolesError) else "error", str(error)))
+            self.errorTold.emit(str(error))
             return
         details = "".join(traceback.format_exception(error))
         what = f"{doing}: s" if doing else "S"
-        self.say(Message("error", f"{what}omething went wrong inside the program ({type(error).__name__}: {error}).", details))
+        text = f"{what}omething went wrong inside the program ({type(error).__name__}: {error})."
+        self.say(Message("error", text, details))
+        self.errorTold.emit(text)
 
     # -- leaving a training -------------------------------------------------------------------------------------------
 
@@ -149,11 +152,11 @@ class Controller(QObject):
     def start(self) -> None:
         """Begin a new run on the open mesh with the settings of the panel."""
         workspace = self.workspace
-        problem, source = workspace.problem, workspace.source
+        source = workspace.source
         if self.opener.is_opening:
             self.opener.start_when_opened()
             return
-        if problem is None or source is None or not workspace.controls.start:
+        if source is None or not workspace.controls.start:
             return
         try:
             settings = self.window.panel.settings()
@@ -162,7 +165,7 @@ class Controller(QObject):
         self.window.banners.clear()
         self._warnings_told = 0
         folder = self.runs_folder
-        self.runner.start(lambda: tasks.start_session(problem, source, settings, folder))
+        self.runner.start(lambda: tasks.start_session(source, settings, folder))
 
     def proceed(self) -> None:
         """Go on with the run on show."""
@@ -204,7 +207,8 @@ class Controller(QObject):
         suggestion = self.workspace.suggestion
         if outcome.completed and suggestion is not None and self.workspace.kept_step is None:
             text = f"The training has reached its last step. Suggested: step {suggestion.step:,}. {suggestion.reason}"
-            show = ("Show it", lambda: self.workspace.show_step(suggestion.step))
+            seen = self.workspace.shown_step == suggestion.step
+            show = None if seen else ("Show it", lambda: self.workspace.show_step(suggestion.step))
             self.say(Message("success", text, action=show))
 
     def _tell_run_warnings(self) -> None:
@@ -282,6 +286,10 @@ class Controller(QObject):
 
     def _do_link(self) -> None:
         self.workspace.set_linked(not self.workspace.linked)
+
+    def _do_z_up(self) -> None:
+        self.workspace.set_up("y" if self.workspace.up == "z" else "z")
+        self.preferences.up = self.workspace.up
 
     def _do_reset_view(self) -> None:
         self.window.panes.reset_view()

@@ -23,7 +23,7 @@ class Measure:
         name: as in :class:`dmp.snapshot.StepRecord`.
         label: short name for the legend.
         help: what it means, one or two sentences.
-        unit: ``edges`` (mean edge lengths), ``degrees``, or ``training`` (the length that is 1 during training).
+        unit: ``edges`` (mean edge lengths), ``degrees``, ``training`` (the length that is 1 during training), or ``none``.
         shown: drawn unless the user switches it off.
     """
 
@@ -42,7 +42,7 @@ MEASURES: tuple[Measure, ...] = (
     Measure("position_loss", "Position loss", "How far the prediction is from recorrupted copies of the input.",
             "training", True),
     Measure("normal_loss", "Normal loss", "How far the normals of the prediction are from those of recorrupted copies.",
-            "training", True),
+            "none", True),
     Measure("total_loss", "Total loss", "What the optimiser minimises: the data loss plus λ times the Laplacian loss.",
             "training", False),
     Measure("held_out_error", "Held-out error", "Error on vertices that the training never sees. Where it stops falling, the "
@@ -54,6 +54,8 @@ MEASURES: tuple[Measure, ...] = (
     Measure("vertex_error", "Vertex error", "Mean distance of the vertices from the ground truth.", "edges", False),
     Measure("inserted_movement", "Movement", "How far the inserted vertices still move from step to step, as a mean. When it "
             "comes to rest, the completion is done.", "edges", True),
+    Measure("made_up_error", "Error in made-up holes", "Mean error in holes that were made up where the truth is known. It "
+            "tells how well the real holes are filled.", "edges", True),
     Measure("hole_distance", "Distance in holes", "Mean distance of the inserted vertices from the true surface.",
             "edges", True),
     Measure("hole_normal_error", "Angle in holes", "Mean angle between the inserted faces and the true surface.",
@@ -67,8 +69,8 @@ MEASURE_BY_NAME: Mapping[str, Measure] = {measure.name: measure for measure in M
 
 def unit_text(unit: str, settings: Settings | None) -> str:
     """Return the unit of a measure in words."""
-    if unit == "degrees":
-        return "degrees"
+    if unit in ("degrees", "none"):
+        return unit
     if unit == "training" and settings is not None and settings.scaling == "box":
         return "box sizes"
     return "edge lengths"

@@ -20,7 +20,7 @@ from dmp.problem import Problem
 from dmp.settings import Settings
 from dmp.snapshot import Snapshot, StepRecord
 from dmp.stopping import Suggestion, suggest
-from dmp_viewer.colors import ColorPolicy, Limits, Values, displacement_values, extent, limits_for
+from dmp_viewer.colors import ColorPolicy, Limits, UpAxis, Values, displacement_values, extent, limits_for
 from dmp_viewer.curve import Curve
 from dmp_viewer.states import Controls, RunnerState, controls_for
 
@@ -52,13 +52,19 @@ class Source:
 
     Attributes:
         name: what to call the mesh; the stem of exported files.
+        mesh: the mesh as it was opened, its holes still open.
+        ground_truth: the ground truth as it was opened, if there is one.
         path: the file of the input, or None when only a run's copy of it is known.
         ground_truth_path: the file of the ground truth, if there is one.
+        up: the axis that points up, where that is known.
     """
 
     name: str
+    mesh: TriangleMesh
+    ground_truth: TriangleMesh | None = None
     path: Path | None = None
     ground_truth_path: Path | None = None
+    up: UpAxis | None = None
 
     @property
     def folder(self) -> Path | None:
@@ -110,6 +116,7 @@ class Workspace:
     coloring_changed = Signal()
     linked_changed = Signal()
     edges_changed = Signal()
+    up_changed = Signal()
     state_changed = Signal()
     progress_changed = Signal()
 
@@ -126,6 +133,7 @@ class Workspace:
         self.coloring = ColorPolicy()
         self.linked = True
         self.edges = False
+        self.up: UpAxis = "y"
         self.state = RunnerState.IDLE
         self.current_step = 0
         self.seconds = 0.0
@@ -320,8 +328,13 @@ class Workspace:
 
     @property
     def best_step(self) -> int | None:
-        """The snapshot with the lowest MAD, when there is a ground truth."""
-        return self.curve.best("mad", [step for step in self.snapshot_steps if step > 0])
+        """The snapshot that is closest to the ground truth, when there is one."""
+        return self.curve.best(self.quality, [step for step in self.snapshot_steps if step > 0])
+
+    @property
+    def quality(self) -> str:
+        """The measure that the best step has the lowest value of: MAD, or for a completion the distance in the holes."""
+        return "hole_distance" if self.problem is not None and self.problem.task == "complete" else "mad"
 
     def snapshot(self, step: int) -> Snapshot | None:
         """Return a snapshot, from memory or from the run folder (raises :class:`dmp.errors.RunError` when it is damaged)."""
@@ -352,6 +365,12 @@ class Workspace:
             self.edges = edges
             self.edges_changed.emit()
 
+    def set_up(self, axis: UpAxis) -> None:
+        """Let another axis point up."""
+        if axis != self.up:
+            self.up = axis
+            self.up_changed.emit()
+
     def values_of(self, positions: FloatArray) -> Values:
         """Return the coloured values of positions of the open mesh, (V,), file units."""
         assert self.problem is not None and self._normals is not None
@@ -363,7 +382,7 @@ class Workspace:
         if self.problem is None:
             return limits_for(quantity, [])
         if quantity not in self._input_extent:
-            self._input_extent[quantity] = extent(self.values_of(self.problem.target))
+            self._input_extent[quantity] = extent(self.values_of(self.problem.target)[self.problem.known])
         wanted: Iterable[int] = [] if self.shown_step is None else [self.shown_step]
         if self.coloring.range == "run":
             # The untrained network's output is no part of what is judged.

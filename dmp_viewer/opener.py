@@ -12,8 +12,9 @@ from qtpy.QtGui import QImage
 
 from dmp.errors import DmpError
 from dmp.runs import Run, is_run_folder, list_runs
-from dmp.settings import Settings
+from dmp.settings import Settings, settings_for
 from dmp_viewer import tasks
+from dmp_viewer.model import Source
 from dmp_viewer.views.banner import Message
 
 if TYPE_CHECKING:
@@ -95,7 +96,21 @@ class Opener(QObject):
         except DmpError as error:
             self._controller.tell_error(error)
             return
+        settings = self._settings_for_opening()
+        if settings.task != found.task:
+            self._window.panel.set_settings(
+                settings_for(found.task, settings.preset, seed=settings.seed, device=settings.device)
+            )
         self.open_path(found.mesh_path, found.ground_truth_path)
+
+    def change_task(self) -> None:
+        """Set the open mesh up for the task of the panel; a run on show stays, the next one gets the new task."""
+        source = self._workspace.source
+        if source is None or self._workspace.run is not None or self._controller.runner.state.is_active:
+            return
+        settings = self._settings_for_opening()
+        self._window.banners.clear()
+        self._open("Setting up…", lambda: tasks.set_up(source, settings), self._on_task_set_up, "Setting up")
 
     def offer_samples(self, *, with_pictures: bool = True) -> None:
         """Fill the menu and the start page with the samples that this version can work on, and draw their pictures."""
@@ -146,11 +161,13 @@ class Opener(QObject):
                 self._controller.start()
 
     def _on_mesh_opened(self, opened: tasks.OpenedMesh) -> None:
+        self._turn_up(opened.source)
         self._workspace.open_problem(opened.problem, opened.source)
         self._remember(opened.source.path)
         self._tell_notes(opened.notes)
 
     def _on_run_opened(self, opened: tasks.OpenedRun) -> None:
+        self._turn_up(opened.source)
         self._workspace.open_run(opened.run, opened.problem, opened.source, opened.suggestion)
         self._window.panel.set_settings(opened.run.settings)
         self._remember(opened.run.folder)
@@ -158,6 +175,10 @@ class Opener(QObject):
             step = f"{opened.run.last_step:,}"
             text = f"This run was interrupted at step {step}. Nothing before it is lost, and Continue goes on from there."
             self._controller.say(Message("info", text))
+
+    def _on_task_set_up(self, opened: tasks.OpenedMesh) -> None:
+        self._workspace.open_problem(opened.problem, opened.source)
+        self._tell_notes(opened.notes)
 
     def _on_truth_opened(self, opened: tasks.OpenedMesh) -> None:
         self._workspace.replace_problem(opened.problem, opened.source)
@@ -167,6 +188,10 @@ class Opener(QObject):
         card = self._window.start_page.cards.get(name)
         if card is not None:
             card.set_picture(image)
+
+    def _turn_up(self, source: Source) -> None:
+        wanted = source.up or self._controller.preferences.up
+        self._workspace.set_up("z" if wanted == "z" else "y")
 
     def _tell_notes(self, notes: Sequence[str]) -> None:
         if notes:
@@ -199,6 +224,6 @@ def _picture_of(path: Path) -> QImage:
     from dmp_viewer.thumbnails import thumbnail
     from dmp_viewer.views.start_page import CARD_PICTURE
 
-    pixels = thumbnail(read_mesh(path), 2 * CARD_PICTURE.width(), 2 * CARD_PICTURE.height(), (0.66, 0.74, 0.85))
+    pixels = thumbnail(read_mesh(path), 2 * CARD_PICTURE.width(), 2 * CARD_PICTURE.height(), (0.66, 0.74, 0.85), up="z")
     height, width, _ = pixels.shape
     return QImage(pixels.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888).copy()

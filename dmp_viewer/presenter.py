@@ -8,6 +8,7 @@ from qtpy.QtCore import QObject, QTimer
 from dmp.errors import DmpError
 from dmp.problem import Problem
 from dmp.settings import Settings
+from dmp_viewer import tasks
 from dmp_viewer.colors import color_table
 from dmp_viewer.model import Workspace
 from dmp_viewer.states import RunnerState
@@ -17,6 +18,7 @@ from dmp_viewer.views.mesh_panes import INPUT, PANE_NAMES, PREDICTED, SMOOTHED
 from dmp_viewer.views.run_panel import Status
 
 _CURVE_INTERVAL_MS = 100
+_BEST = {"mad": "best MAD", "hole_distance": "closest to truth"}
 _SEPARATOR = "  ·  "
 _ALL = ("mesh", "policy", "predicted", "steps", "markers", "controls", "progress", "titles")
 
@@ -50,6 +52,7 @@ class Presenter(QObject):
             (workspace.coloring_changed, ("policy", "predicted", "mesh_values")),
             (workspace.linked_changed, ("policy",)),
             (workspace.edges_changed, ("policy",)),
+            (workspace.up_changed, ("policy",)),
             (workspace.state_changed, ("controls", "progress", "titles")),
             (workspace.progress_changed, ("progress",)),
         ):
@@ -111,6 +114,8 @@ class Presenter(QObject):
         window.panes.set_color_table(color_table(policy.quantity))
         window.panes.set_linked(workspace.linked)
         window.panes.set_edges(workspace.edges)
+        window.named_actions["z_up"].setChecked(workspace.up == "z")
+        window.panes.set_up(workspace.up)
 
     def _draw_meshes(self, problem: Problem) -> None:
         panes, workspace = self._window.panes, self._workspace
@@ -120,7 +125,7 @@ class Presenter(QObject):
             or not (known.mesh is problem.mesh or known.mesh.same_connectivity(problem.mesh))
             or not np.array_equal(known.target, problem.target)
         ):
-            panes.set_mesh(problem.target, problem.mesh.faces)
+            panes.set_mesh(problem.target, problem.mesh.faces, tasks.known_faces(problem))
             panes.set_positions(INPUT, problem.target)
             panes.reset_view()
         self._drawn = problem
@@ -154,18 +159,24 @@ class Presenter(QObject):
             return
         mesh = problem.mesh
         name = source.path.name if source.path is not None else source.name
-        facts, smoothed = [_shortened(name), f"{mesh.n_vertices:,} vertices"], ["base of the displacements"]
+        facts, smoothed = [_shortened(name)], ["base of the displacements"]
         for texts, positions in ((facts, problem.target), (smoothed, problem.base)):
             mad = workspace.mad_of(positions)
             if mad is not None:
                 texts.append(f"MAD {mad:.2f}°")
+        facts += [f"{mesh.n_vertices:,} vertices", f"{mesh.n_faces:,} faces"]
         whole = f"{source.path or name}\n{mesh.n_vertices:,} vertices, {mesh.n_faces:,} faces"
         explained = "The input after Laplacian smoothing. The network learns displacements from here."
-        panes.set_title(INPUT, PANE_NAMES[INPUT], _SEPARATOR.join(facts), whole)
-        panes.set_title(SMOOTHED, PANE_NAMES[SMOOTHED], _SEPARATOR.join(smoothed), explained)
+        panes.set_title(INPUT, PANE_NAMES[INPUT], facts, whole)
+        panes.set_title(SMOOTHED, PANE_NAMES[SMOOTHED], smoothed, explained)
         self._draw_prediction_title()
+        self._window.curve.set_task(problem.task)
         self._window.setWindowTitle(f"{source.name} – dmp-viewer")
-        self._window.set_facts("" if problem.ground_truth is None else "Measured against the ground truth")
+        status = [f"{mesh.n_vertices:,} vertices", f"{mesh.n_faces:,} faces", f"mean edge length {problem.edge_length:.4g}"]
+        if problem.ground_truth is not None:
+            path = source.ground_truth_path
+            status.append(f"ground truth: {_shortened(path.name)}" if path is not None else "with ground truth")
+        self._window.set_facts(_SEPARATOR.join(status))
 
     def _draw_prediction_title(self) -> None:
         workspace = self._workspace
@@ -173,7 +184,7 @@ class Presenter(QObject):
         if step is None:
             waiting = workspace.state in (RunnerState.PREPARING, RunnerState.RUNNING)
             hint = "The first prediction comes in a moment" if waiting else "Press Start to train the network on this mesh"
-            self._window.panes.set_title(PREDICTED, PANE_NAMES[PREDICTED], hint)
+            self._window.panes.set_title(PREDICTED, PANE_NAMES[PREDICTED], [hint])
             return
         facts = []
         try:
@@ -183,17 +194,19 @@ class Presenter(QObject):
         mad = workspace.mad_at(snapshot) if snapshot is not None else None
         if mad is not None:
             facts.append(f"MAD {mad:.2f}°")
+        if snapshot is not None and "hole_distance" in snapshot.metrics:
+            facts.append(f"{snapshot.metrics['hole_distance']:.3f} edge lengths off in the holes")
         if step == 0:
             facts.append("the untrained network")
         if step == workspace.kept_step:
             facts.append("kept")
         if workspace.suggestion is not None and step == workspace.suggestion.step and step != 0:
             facts.append("suggested")
-        if mad is not None and step == workspace.best_step:
-            facts.append("best MAD so far" if workspace.state.is_active else "best MAD")
+        if step == workspace.best_step:
+            facts.append(f"{_BEST[workspace.quality]} so far" if workspace.state.is_active else _BEST[workspace.quality])
         if not facts and step == workspace.latest_step:
             facts.append("latest")
-        self._window.panes.set_title(PREDICTED, f"{PANE_NAMES[PREDICTED]} @ step {step:,}", _SEPARATOR.join(facts))
+        self._window.panes.set_title(PREDICTED, f"{PANE_NAMES[PREDICTED]} @ step {step:,}", facts)
 
     # -- steps --------------------------------------------------------------------------------------------------------
 
@@ -209,7 +222,8 @@ class Presenter(QObject):
         suggested = suggestion.step if suggestion is not None else None
         best = workspace.best_step
         window.timeline.set_markers(workspace.kept_step, suggested, best)
-        window.curve.set_markers(workspace.kept_step, suggested, suggestion.reason if suggestion is not None else "", best)
+        reason = suggestion.reason if suggestion is not None else ""
+        window.curve.set_markers(workspace.kept_step, suggested, reason, best, _BEST[workspace.quality])
 
     def _on_curve_changed(self) -> None:
         if not self._curve_timer.isActive():
@@ -235,7 +249,8 @@ class Presenter(QObject):
             ("first_step", len(steps) > 1 and shown != steps[0]), ("previous_step", len(steps) > 1 and shown != steps[0]),
             ("next_step", len(steps) > 1 and shown != steps[-1]), ("last_step", len(steps) > 1 and shown != steps[-1]),
             ("reset_view", workspace.problem is not None), ("edges", workspace.problem is not None),
-            ("link", workspace.problem is not None), ("magnitude", workspace.problem is not None),
+            ("link", workspace.problem is not None),
+            ("z_up", workspace.problem is not None), ("magnitude", workspace.problem is not None),
             ("signed", workspace.problem is not None), ("plain", workspace.problem is not None),
         ):  # fmt: skip
             actions[name].setEnabled(enabled)

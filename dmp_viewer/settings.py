@@ -33,6 +33,7 @@ class Preferences:
         folder: where the last file was opened.
         quantity, range, unit: the colour policy.
         edges: draw the edges of the triangles.
+        up: the axis that points up, ``y`` or ``z``.
         log_axis: logarithmic axis of the curve.
         smoothing: strength of the curve's smoothing; 0 by default, because the prediction is an average over steps already, and
             a smoothed line has its minimum too late.
@@ -49,6 +50,7 @@ class Preferences:
     range: str = "step"
     unit: str = "edges"
     edges: bool = False
+    up: str = "y"
     log_axis: bool = True
     smoothing: float = 0.0
     show_panel: bool = True
@@ -69,6 +71,7 @@ _CHOICES: dict[str, tuple[str, ...]] = {
     "quantity": ("magnitude", "signed", "plain"),
     "range": ("step", "run"),
     "unit": ("edges", "file"),
+    "up": ("y", "z"),
 }
 
 

@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dmp.errors import MeshError, NoHolesError
+
 if TYPE_CHECKING:
-    from dmp.mesh import TriangleMesh
+    from dmp.mesh import IntArray, TriangleMesh
     from dmp.problem import Problem
     from dmp.runs import Run
     from dmp.settings import Settings
     from dmp.stopping import Suggestion
     from dmp.training import Training
+    from dmp_viewer.colors import UpAxis
     from dmp_viewer.model import Source
     from dmp_viewer.runner import Session
 
 
-def _denoise(mesh: TriangleMesh, settings: Settings, truth: TriangleMesh | None) -> Problem:
-    from dmp.problem import denoising
-
-    return denoising(mesh, settings, truth)
-
-
-# The run panel offers these; a task of the method appears in the window by an entry here.
-TASKS: dict[str, Callable[[TriangleMesh, Settings, TriangleMesh | None], Problem]] = {"denoise": _denoise}
+# The tasks that the run panel offers.
+TASKS = ("denoise", "complete")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +32,7 @@ class OpenedMesh:
     Attributes:
         problem: the mesh with its smoothed base and, if given, its ground truth.
         source: where it came from.
-        notes: what the reader changed, in sentences.
+        notes: what was changed on the way, in sentences.
     """
 
     problem: Problem
@@ -55,7 +51,7 @@ class OpenedRun:
 
 
 def open_mesh(path: Path, ground_truth_path: Path | None, settings: Settings) -> OpenedMesh:
-    """Read a mesh and smooth it (raises :class:`dmp.errors.MeshError`)."""
+    """Read a mesh and set it up for the task of ``settings`` (raises :class:`dmp.errors.MeshError`)."""
     from dmp.meshio import read_mesh_with_notes
     from dmp_viewer.model import Source
 
@@ -64,21 +60,38 @@ def open_mesh(path: Path, ground_truth_path: Path | None, settings: Settings) ->
     if ground_truth_path is not None:
         truth, truth_notes = read_mesh_with_notes(ground_truth_path)
         notes = (*notes, *(f"Ground truth: {note}" for note in truth_notes))
-    problem = TASKS[settings.task](mesh, settings, truth)
-    source = Source(path.stem, path.absolute(), _absolute(ground_truth_path))
-    return OpenedMesh(problem, source, (*notes, *problem.notes))
+    source = Source(path.stem, mesh, truth, path.absolute(), _absolute(ground_truth_path), up_axis_of(path))
+    opened = set_up(source, settings)
+    return replace(opened, notes=(*notes, *opened.notes))
+
+
+def set_up(source: Source, settings: Settings) -> OpenedMesh:
+    """Set an open mesh up for a task; one without holes is shown as it is when holes were to be filled."""
+    from dmp.completion import problem_for
+    from dmp.problem import denoising
+
+    try:
+        problem = problem_for(source.mesh, settings, source.ground_truth)
+    except NoHolesError as error:
+        shown = denoising(source.mesh, replace(settings, task="denoise"))
+        return OpenedMesh(shown, source, (str(error),))
+    return OpenedMesh(problem, source, problem.notes)
 
 
 def add_ground_truth(problem: Problem, source: Source, path: Path) -> OpenedMesh:
     """Read the clean version of an open mesh (raises :class:`dmp.errors.MeshError` when it belongs to another one)."""
-    from dataclasses import replace
-
+    from dmp.hole_metrics import HoleTruth
     from dmp.meshio import read_mesh_with_notes
     from dmp.metrics import GroundTruth
 
     truth, notes = read_mesh_with_notes(path)
-    compared = replace(problem, ground_truth=GroundTruth.for_input(truth, problem.mesh))
-    return OpenedMesh(compared, replace(source, ground_truth_path=path.absolute()), notes)
+    measured: GroundTruth | HoleTruth
+    if problem.task == "complete":
+        measured = HoleTruth.for_filled(truth, problem.mesh, problem.known, problem.edge_length)
+    else:
+        measured = GroundTruth.for_input(truth, problem.mesh)
+    compared = replace(problem, ground_truth=measured)
+    return OpenedMesh(compared, replace(source, ground_truth=truth, ground_truth_path=path.absolute()), notes)
 
 
 def open_run(folder: Path) -> OpenedRun:
@@ -90,23 +103,24 @@ def open_run(folder: Path) -> OpenedRun:
     problem = run.problem()
     path = run.input_path
     name = path.stem if path is not None else run.name
-    return OpenedRun(run, problem, Source(name, path), run.suggestion())
+    truth = problem.ground_truth.mesh if problem.ground_truth is not None else None
+    source = Source(name, _before_filling(problem), truth, path, up=up_axis_of(path))
+    return OpenedRun(run, problem, source, run.suggestion())
 
 
-def start_session(problem: Problem, source: Source, settings: Settings, runs_folder: Path | None = None) -> Session:
+def start_session(source: Source, settings: Settings, runs_folder: Path | None = None) -> Session:
     """Set up a new training with a run folder of its own.
 
     Args:
-        problem: what is open; its mesh and ground truth are trained on anew with ``settings``.
-        source: where it came from, for the record.
-        settings: how to train.
+        source: what is open.
+        settings: what to do and how.
         runs_folder: where to put the run; by default where the library keeps them.
     """
+    from dmp.completion import problem_for
     from dmp.methods import training_for
     from dmp.runs import Run
 
-    truth = problem.ground_truth.mesh if problem.ground_truth is not None else None
-    fresh = TASKS[settings.task](problem.mesh, settings, truth)
+    fresh = problem_for(source.mesh, settings, source.ground_truth)
     # Before the folder is made, so that settings that cannot work leave no empty run behind.
     training = training_for(fresh, settings)
     folder = runs_folder / f"{source.name}_{uuid.uuid4().hex[:8]}" if runs_folder is not None else None
@@ -128,6 +142,31 @@ def _session(run: Run, training: Training) -> Session:
     if run.settings.threads == 0:
         training.threads = cores_beside_a_window()
     return Session(run, training.problem, device_description(training.device).upper(), record(training, run))
+
+
+def up_axis_of(path: Path | None) -> UpAxis | None:
+    """Return the axis that points up in a file, where that is known: the samples are modelled with z up."""
+    from dmp.samples import assets_folder
+
+    try:
+        return "z" if path is not None and path.absolute().parent == assets_folder() else None
+    except MeshError:
+        return None
+
+
+def _before_filling(problem: Problem) -> TriangleMesh:
+    """Return the mesh as it was before its holes were filled: inserted vertices and faces come last."""
+    from dmp.mesh import TriangleMesh
+
+    if problem.known.all():
+        return problem.mesh
+    known = int(problem.known.sum())
+    return TriangleMesh(problem.mesh.vertices[:known], known_faces(problem))
+
+
+def known_faces(problem: Problem) -> IntArray:
+    """Return the faces without inserted vertices, (n, 3)."""
+    return problem.mesh.faces[problem.known[problem.mesh.faces].all(axis=1)]
 
 
 def _absolute(path: Path | None) -> Path | None:

@@ -60,7 +60,8 @@ LIGHT = Theme(
     curves={
         "data_loss": "#1f66c1", "laplacian_loss": "#b35900", "position_loss": "#1f66c1",
         "normal_loss": "#b35900",
-        "inserted_movement": "#6f42c1", "hole_distance": "#5c940d", "hole_normal_error": "#00796b",
+        "inserted_movement": "#6f42c1", "made_up_error": "#c2255c",
+        "hole_distance": "#5c940d", "hole_normal_error": "#00796b",
         "total_loss": "#57606a", "held_out_error": "#c2255c",
         "held_out_normal_error": "#e0569b", "displacement": "#6f42c1", "input_distance": "#0b7285", "vertex_error": "#5c940d",
         "mad": "#00796b",
@@ -75,7 +76,8 @@ DARK = Theme(
     curves={
         "data_loss": "#6cb0ff", "laplacian_loss": "#f0a35e", "position_loss": "#6cb0ff",
         "normal_loss": "#f0a35e",
-        "inserted_movement": "#b79cff", "hole_distance": "#a9d86e", "hole_normal_error": "#2dd4bf",
+        "inserted_movement": "#b79cff", "made_up_error": "#ff7aa8",
+        "hole_distance": "#a9d86e", "hole_normal_error": "#2dd4bf",
         "total_loss": "#a8b1bb", "held_out_error": "#ff7aa8",
         "held_out_normal_error": "#e29bd0", "displacement": "#b79cff", "input_distance": "#5fd0e6", "vertex_error": "#a9d86e",
         "mad": "#2dd4bf",

@@ -7,12 +7,16 @@ from numpy.typing import NDArray
 
 from dmp.geometry import face_normals
 from dmp.mesh import TriangleMesh
+from dmp_viewer.colors import UpAxis
 
-_VIEW = np.array([0.45, 0.35, 1.0]) / np.linalg.norm([0.45, 0.35, 1.0])
-_LIGHT = np.array([0.35, 0.75, 0.85]) / np.linalg.norm([0.35, 0.75, 0.85])
+# Direction to the eye and upwards, for each axis that can point up; the light comes from the upper right of the eye.
+_VIEWS = {"y": ((0.45, 0.35, 1.0), (0.0, 1.0, 0.0)), "z": ((0.75, -0.8, 0.4), (0.0, 0.0, 1.0))}
+_LIGHT = np.array([0.3, 0.55, 0.78])
 
 
-def thumbnail(mesh: TriangleMesh, width: int, height: int, color: tuple[float, float, float]) -> NDArray[np.uint8]:
+def thumbnail(
+    mesh: TriangleMesh, width: int, height: int, color: tuple[float, float, float], up: UpAxis = "y"
+) -> NDArray[np.uint8]:
     """Draw a mesh, flat shaded, on a transparent ground.
 
     Args:
@@ -20,13 +24,16 @@ def thumbnail(mesh: TriangleMesh, width: int, height: int, color: tuple[float, f
         width: pixels.
         height: pixels.
         color: of the surface, three numbers from 0 to 1.
+        up: the axis that points up.
 
     Returns:
         (height, width, 4) RGBA.
     """
-    right = np.cross([0.0, 1.0, 0.0], _VIEW)
+    eye, above = (np.array(direction) for direction in _VIEWS[up])
+    eye /= np.linalg.norm(eye)
+    right = np.cross(above, eye)
     right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(_VIEW, right), _VIEW])
+    axes = np.stack([right, np.cross(eye, right), eye])
     turned = (mesh.vertices - (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2) @ axes.T
     low, high = turned.min(axis=0), turned.max(axis=0)
     size = max((high[0] - low[0]) / width, (high[1] - low[1]) / height, 1e-300) * 1.08
@@ -43,7 +50,7 @@ def thumbnail(mesh: TriangleMesh, width: int, height: int, color: tuple[float, f
     order = np.argsort(points[..., 2].ravel(), kind="stable")  # later writes win, so the nearest point is last
 
     normals = face_normals(mesh.vertices, mesh.faces) @ axes.T
-    diffuse = np.clip(normals @ (axes @ _LIGHT), 0, 1)
+    diffuse = np.clip(normals @ _LIGHT, 0, 1)
     shade = np.repeat(0.28 + 0.72 * diffuse, len(grid))
     image = np.zeros((height * width, 4))
     image[pixels[order], :3] = shade[order, None] * np.asarray(color)

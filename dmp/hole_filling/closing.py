@@ -48,6 +48,8 @@ def surroundings(vertices: FloatArray, faces: IntArray, rim: IntArray) -> tuple[
     lengths = np.linalg.norm(positions[edges[:, 0]] - positions[edges[:, 1]], axis=1)
     total = np.bincount(edges.ravel(), np.repeat(lengths, 2), n)
     wanted = total / np.bincount(edges.ravel(), minlength=n)
+    # Vertices that lie on one another want no vertices in between.
+    wanted = np.maximum(wanted, 1e-3 * lengths.mean())
     # A single short or long side says little about the density there.
     for _ in range(3):
         around = wanted[:n_rim]
@@ -68,7 +70,7 @@ def close_hole(start: Patch) -> tuple[Patch, list[str]]:
     Raises:
         CannotCloseError: when the patch would double existing faces, be too large, or fold back on the mesh around it.
     """
-    _refuse_doubled_triangle(start)
+    _refuse_hopeless(start)
     remarks: list[str] = []
     triangles = _triangulated(start)
     begin = start.copy()
@@ -80,7 +82,7 @@ def close_hole(start: Patch) -> tuple[Patch, list[str]]:
     else:
         begin.triangles = triangles
         # A straight rim of few vertices can leave nothing but triangles without area.
-        if start.n_rim > 3 and has_flat_triangles(begin) and not has_flat_triangles(_fan(start)):
+        if 3 < start.n_rim < 8 and has_flat_triangles(begin) and not has_flat_triangles(_fan(start)):
             begin = _fan(start)
     typical = begin.wanted[begin.triangles].mean(axis=1)
     if (face_areas(begin.positions, begin.triangles) / typical**2).sum() > MOST_INSERTED:
@@ -172,6 +174,8 @@ def _fan(start: Patch) -> Patch:
     return patch
 
 
-def _refuse_doubled_triangle(start: Patch) -> None:
+def _refuse_hopeless(start: Patch) -> None:
+    if not np.ptp(start.positions[: start.n_rim], axis=0).any():
+        raise CannotCloseError("All its vertices lie in one point.")
     if start.n_rim == 3 and (start.collar < 3).all(axis=1).any():
         raise CannotCloseError("It is the outline of a single triangle, so a face that closes it would lie on that one.")

@@ -46,13 +46,12 @@ class HoleMaker:
         self._adjacency = adjacency
         from_known = ring_distances(adjacency, known)
         self.depth = max(1, int(from_known.max(initial=1)))
-        from_holes = ring_distances(adjacency, ~known, _MARGIN)
-        self._taken = (from_holes >= 0) & (from_holes <= _MARGIN)
+        self._from_holes = ring_distances(adjacency, ~known)
 
     def make(self, generator: np.random.Generator) -> BoolArray:
         """Return the vertices of a new set of made-up holes, (V,) bool; empty when not even small ones fit."""
         radius = self.depth
-        best = np.zeros(len(self._taken), dtype=bool)
+        best = np.zeros(len(self._from_holes), dtype=bool)
         while radius >= _SMALLEST_RADIUS:
             holes, count = self._pack(radius, generator)
             if count >= _ENOUGH:
@@ -63,20 +62,17 @@ class HoleMaker:
         return best
 
     def _pack(self, radius: int, generator: np.random.Generator) -> tuple[BoolArray, int]:
-        taken = self._taken.copy()
-        holes = np.zeros(len(taken), dtype=bool)
+        largest = radius + 1
+        # A vertex that is not blocked has room around it for the largest hole, so that none is tried in vain.
+        blocked = (self._from_holes >= 0) & (self._from_holes <= largest + _MARGIN)
+        holes = np.zeros(len(blocked), dtype=bool)
         count = 0
-        for center in generator.permutation(np.flatnonzero(~taken)):
-            if taken[center]:
+        for center in generator.permutation(np.flatnonzero(~blocked)):
+            if blocked[center]:
                 continue
-            size = int(generator.integers(max(_SMALLEST_RADIUS, radius - 2), radius + 2))
-            ball = self._ball(int(center), size)
-            if taken[ball].any():
-                # What is too near to another hole is not tried again from every vertex of it.
-                taken[center] = True
-                continue
-            holes[ball] = True
-            taken[self._ball(int(center), size + _MARGIN)] = True
+            size = int(generator.integers(max(_SMALLEST_RADIUS, radius - 2), largest + 1))
+            holes[self._ball(int(center), size)] = True
+            blocked[self._ball(int(center), size + largest + _MARGIN)] = True
             count += 1
         return holes, count
 

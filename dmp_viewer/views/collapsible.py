@@ -16,11 +16,10 @@ class Collapsible(QWidget):
         super().__init__(parent)
         self.heading = QToolButton(self)
         self.heading.setText(title)
-        self.heading.setCheckable(True)
         self.heading.setAutoRaise(True)
         self.heading.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
         self.heading.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
-        self.heading.toggled.connect(self._on_toggled)
+        self.heading.clicked.connect(lambda: self.set_open(not self.is_open))
         self._content = content
         content.setParent(self)
         content.hide()
@@ -35,8 +34,15 @@ class Collapsible(QWidget):
     def set_theme(self, theme: Theme) -> None:
         """Take the colours of a theme."""
         self._theme = theme
-        self.heading.setIcon(icon("down" if self.heading.isChecked() else "right", theme))
+        self.heading.setIcon(icon("down" if self.is_open else "right", theme))
 
-    def _on_toggled(self, is_open: bool) -> None:
+    @property
+    def is_open(self) -> bool:
+        """Whether the content is in sight."""
+        return not self._content.isHidden()
+
+    def set_open(self, is_open: bool) -> None:
+        """Show or hide the content."""
         self._content.setVisible(is_open)
+        self.heading.setAccessibleDescription("open" if is_open else "closed")
         self.set_theme(self._theme)

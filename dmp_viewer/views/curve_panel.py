@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Mapping
+from typing import Any
 
 import pyqtgraph as pg
 from qtpy.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
@@ -27,12 +28,15 @@ from dmp_viewer.theme import LIGHT, Theme
 from dmp_viewer.views.curve_legend import CurveLegend, line_style
 from dmp_viewer.views.log_axis import LogAxis
 
-EXPLANATION = (
-    "The data loss falls as long as training goes on: first the network learns the shape, later the noise as well. "
+# What the curve shows, by task.
+EXPLANATIONS = {
+    "denoise": "The data loss falls as long as training goes on: first the network learns the shape, later the noise as well. "
     "The held-out error, measured on vertices that the training never sees, stops falling where the noise begins to be learnt. "
-    "Keep a step around there. With a ground truth, the lowest MAD marks the best step."
-)
-_EMPTY = "The curve grows here during training.\n\n" + EXPLANATION
+    "Keep a step around there. With a ground truth, the lowest MAD marks the best step.",
+    "complete": "The network learns the shape around the holes and carries it into them. The movement tells how far the "
+    "inserted vertices still move: when it comes to rest, the completion is done. With a ground truth, the distance in the "
+    "holes tells how close it is.",
+}
 _LOG_TIP = "Logarithmic axis for losses and errors; MAD keeps its own linear axis."
 _NO_LOG_TIP = "One of the drawn values is not above zero, which a logarithmic axis cannot show."
 
@@ -81,14 +85,24 @@ class CurvePanel(QWidget):
         self._draw_all()
         self._update_readout()
 
+    def set_task(self, task: str) -> None:
+        """Explain the curve of a task."""
+        text = EXPLANATIONS[task]
+        self._empty.setText(f"The curve grows here during training.\n\n{text}")
+        self._help.setToolTip(f"<p>{text}</p>")
+        self._help.setAccessibleDescription(text)
+
     def set_shown_step(self, step: int | None) -> None:
         """Move the line of the shown step."""
         self._shown_step = step
         _place(self._shown_line, step)
         self._update_readout()
 
-    def set_markers(self, kept: int | None, suggested: int | None, reason: str, best: int | None) -> None:
+    def set_markers(
+        self, kept: int | None, suggested: int | None, reason: str, best: int | None, best_text: str = "best MAD"
+    ) -> None:
         """Mark the kept step, the suggested step with its reason, and the best step by the ground truth."""
+        self._markers["best"].label.setFormat(best_text)
         for name, step in (("kept", kept), ("suggested", suggested), ("best", best)):
             _place(self._markers[name], step)
         self._advice_step, self._advice_reason = suggested, reason
@@ -124,7 +138,6 @@ class CurvePanel(QWidget):
         ):
             self._markers[name].setPen(pg.mkPen(color, width=1.5, style=style))
             self._markers[name].label.setColor(color)
-            self._markers[name].label.fill = pg.mkBrush(theme.base)
         self._shown_line.setPen(pg.mkPen(theme.text, width=1.5))
         self._hover_line.setPen(pg.mkPen(theme.subtle, width=1, style=Qt.PenStyle.DotLine))
         for name in self._raw:
@@ -136,6 +149,7 @@ class CurvePanel(QWidget):
         palette.setColor(QPalette.ColorRole.Window, QColor(theme.base))
         palette.setColor(QPalette.ColorRole.WindowText, QColor(theme.subtle))
         self._empty.setPalette(palette)
+        self._empty.parentWidget().setPalette(palette)
 
     @property
     def legend(self) -> CurveLegend:
@@ -154,7 +168,7 @@ class CurvePanel(QWidget):
     # -- building -----------------------------------------------------------------------------------------------------
 
     def _build(self) -> None:
-        self._plot = pg.PlotWidget(axisItems={"left": LogAxis("left")})
+        self._plot = pg.PlotWidget(viewBox=_RoomyViewBox(), axisItems={"left": LogAxis("left")})
         self._plot.setAccessibleName("Training curve")
         self._plot.setMenuEnabled(False)
         self._plot.hideButtons()
@@ -173,13 +187,12 @@ class CurvePanel(QWidget):
         self._plot.getAxis("right").linkToView(self._degrees)
         self._degrees.setXLink(self._plot.getPlotItem())
         box.sigResized.connect(self._align_views)
+        box.sigResized.connect(self._make_headroom)
         self._shown_line = pg.InfiniteLine(angle=90, movable=False)
         self._hover_line = pg.InfiniteLine(angle=90, movable=False)
         self._markers = {
-            name: pg.InfiniteLine(
-                angle=90, movable=False, label=text, labelOpts={"position": position, "anchors": [(0, 0.5), (1, 0.5)]}
-            )
-            for name, text, position in (("kept", "kept", 0.94), ("suggested", "suggested", 0.82), ("best", "best MAD", 0.70))
+            name: pg.InfiniteLine(angle=90, movable=False, label=text, labelOpts={"anchors": [(0, 0.5), (1, 0.5)]})
+            for name, text in (("kept", "kept"), ("suggested", "suggested"), ("best", "best MAD"))
         }
         for line in (*self._markers.values(), self._shown_line, self._hover_line):
             line.setZValue(20)
@@ -198,9 +211,7 @@ class CurvePanel(QWidget):
         title.setFont(font)
         self._help = QToolButton()
         self._help.setAutoRaise(True)
-        self._help.setToolTip(f"<p>{EXPLANATION}</p>")
         self._help.setAccessibleName("What the curve shows")
-        self._help.setAccessibleDescription(EXPLANATION)
         self._advice = QLabel()
         self._advice.setTextFormat(Qt.TextFormat.RichText)
         self._advice.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
@@ -235,13 +246,21 @@ class CurvePanel(QWidget):
         row.setSpacing(0)
         row.addWidget(self._plot, 1)
         row.addWidget(self._legend)
-        self._empty = QLabel(_EMPTY)
+        self._empty = QLabel()
         self._empty.setWordWrap(True)
         self._empty.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self._empty.setAutoFillBackground(True)
-        self._empty.setContentsMargins(40, 10, 40, 10)
+        self._empty.setMargin(16)
         self._stack = QStackedLayout()
-        self._stack.addWidget(self._empty)
+        middle = QWidget()
+        middle_row = QHBoxLayout(middle)
+        middle_row.setContentsMargins(0, 0, 0, 0)
+        middle_row.addStretch(1)
+        middle_row.addWidget(self._empty, 8)
+        middle_row.addStretch(1)
+        self._empty.setMaximumWidth(720)
+        middle.setAutoFillBackground(True)
+        self._stack.addWidget(middle)
         self._stack.addWidget(full)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 4, 0, 0)
@@ -249,6 +268,7 @@ class CurvePanel(QWidget):
         layout.addLayout(head)
         layout.addLayout(self._stack, 1)
         self.setMinimumHeight(130)
+        self.set_task("denoise")
 
     def _make_items(self, names: list[str]) -> None:
         for items in (self._raw, self._smooth):
@@ -298,10 +318,9 @@ class CurvePanel(QWidget):
         degrees = [name for name in drawn if MEASURE_BY_NAME[name].unit == "degrees"]
         self._plot.showAxis("right", bool(degrees))
         self._plot.getAxis("right").setLabel("MAD (degrees)" if degrees == ["mad"] else "Degrees")
-        units = {
-            unit_text(MEASURE_BY_NAME[name].unit, self._settings) for name in drawn if MEASURE_BY_NAME[name].unit != "degrees"
-        }
-        self._plot.setLabel("left", f"{' and '.join(sorted(units)).capitalize()}" if units else "")
+        units = {unit_text(MEASURE_BY_NAME[name].unit, self._settings) for name in drawn if name not in degrees}
+        # Values of different units on one axis are told apart by the legend only.
+        self._plot.setLabel("left", units.pop().capitalize() if len(units) == 1 else "Value")
         self._align_views()
 
     def _draw_all(self) -> None:
@@ -322,6 +341,16 @@ class CurvePanel(QWidget):
     def _align_views(self) -> None:
         self._degrees.setGeometry(self._plot.getViewBox().sceneBoundingRect())
         self._degrees.linkedViewChanged(self._plot.getViewBox(), self._degrees.XAxis)
+
+    def _make_headroom(self) -> None:
+        """Give the names of the markers one line each above the curves, however high the plot is."""
+        box = self._plot.getViewBox()
+        height = max(1.0, box.height())
+        line = self.fontMetrics().height() - 1
+        box.headroom = min(0.8, len(self._markers) * line / max(1.0, height - len(self._markers) * line))
+        for row, marker in enumerate(self._markers.values()):
+            marker.label.setPosition(1 - (row + 0.5) * line / height)
+        box.updateAutoRange()
 
     def _update_readout(self) -> None:
         step = self._hovered_step if self._hovered_step is not None else self._shown_step
@@ -382,6 +411,18 @@ class CurvePanel(QWidget):
     def _on_legend_toggled(self, name: str, visible: bool) -> None:
         (self._hidden.discard if visible else self._hidden.add)(name)
         self._draw_all()
+
+
+class _RoomyViewBox(pg.ViewBox):
+    """A view with room above the lines, where the markers have their names."""
+
+    headroom = 0.0
+
+    def childrenBounds(self, *args: Any, **options: Any) -> list[Any]:
+        x_range, y_range = super().childrenBounds(*args, **options)
+        if y_range is not None:
+            y_range = [y_range[0], y_range[1] + self.headroom * (y_range[1] - y_range[0])]
+        return [x_range, y_range]
 
 
 def _place(line: pg.InfiniteLine, step: float | None) -> None:

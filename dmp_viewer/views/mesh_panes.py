@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,15 +17,18 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
 from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
 
 from dmp.mesh import FloatArray, IntArray
-from dmp_viewer.colors import ColorTable, Limits, Values
+from dmp_viewer.colors import ColorTable, Limits, UpAxis, Values
 from dmp_viewer.theme import Theme, rgb
 from dmp_viewer.views.interactor import N_PANES, Interactor
 
 INPUT, SMOOTHED, PREDICTED = range(N_PANES)
 PANE_NAMES = ("Input", "Smoothed", "Predicted")
-_FRONT = (0.45, 0.35, 1.0)
+# Where the camera stands at first, for each axis that can point up: in front, a little to the right and above.
+_FRONT = {"y": (0.45, 0.35, 1.0), "z": (0.75, -0.8, 0.4)}
+_UP = {"y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _VIEW_ANGLE = 30.0
 _MARGIN = 1.06
+_SEPARATOR = "  ·  "
 
 
 @dataclass(eq=False)
@@ -64,6 +68,8 @@ class _Pane:
         shading.SetDiffuse(0.88)
         shading.SetSpecular(0.08)
         shading.SetSpecularPower(20)
+        # On fine meshes full lines would cover the surface.
+        shading.SetEdgeOpacity(0.5)
         return cls(points, coordinates, values, data, mapper, actor)
 
 
@@ -86,19 +92,25 @@ class PaneTitle(QWidget):
         layout.setSpacing(1)
         layout.addWidget(self._title)
         layout.addWidget(self._facts)
-        self._full_facts = ""
+        self._all_facts: tuple[str, ...] = ()
 
-    def set_texts(self, title: str, facts: str, details: str = "") -> None:
-        """Say what the pane shows; facts that do not fit are cut, and whole in the tool tip."""
+    def set_texts(self, title: str, facts: Sequence[str], details: str = "") -> None:
+        """Say what the pane shows; details are in the tool tip.
+
+        Args:
+            title: name of the pane.
+            facts: the most important first. Those that do not fit any more are left out.
+            details: what the tool tip says, by default all the facts.
+        """
         self._title.setText(title)
-        self._full_facts = facts
-        self.setToolTip(details or facts)
+        self._all_facts = tuple(facts)
+        self.setToolTip(details or _SEPARATOR.join(facts))
         self._elide()
 
     @property
     def texts(self) -> tuple[str, str]:
         """Title and facts."""
-        return self._title.text(), self._full_facts
+        return self._title.text(), _SEPARATOR.join(self._all_facts)
 
     def set_subtle_color(self, color: str) -> None:
         """Colour the line of facts."""
@@ -114,7 +126,11 @@ class PaneTitle(QWidget):
     def _elide(self) -> None:
         width = max(20, self.width() - 16)
         metrics = QFontMetrics(self._facts.font())
-        self._facts.setText(metrics.elidedText(self._full_facts, Qt.TextElideMode.ElideRight, width))
+        count = len(self._all_facts)
+        while count > 1 and metrics.horizontalAdvance(_SEPARATOR.join(self._all_facts[:count])) > width:
+            count -= 1
+        text = _SEPARATOR.join(self._all_facts[:count])
+        self._facts.setText(metrics.elidedText(text, Qt.TextElideMode.ElideRight, width))
 
 
 class MeshPanes(QWidget):
@@ -151,18 +167,20 @@ class MeshPanes(QWidget):
         self._scale = 1.0
         self._theme: Theme | None = None
         self._fitted_state: tuple[tuple[float, ...], ...] = ()
+        self._up: UpAxis = "y"
         self._linked = True
         self._edges = False
         self.interactor.link_views()
 
     # -- what is shown ------------------------------------------------------------------------------------------------
 
-    def set_mesh(self, vertices: FloatArray, faces: IntArray) -> None:
+    def set_mesh(self, vertices: FloatArray, faces: IntArray, input_faces: IntArray | None = None) -> None:
         """Make the actors for another mesh; all panes are empty until they get positions.
 
         Args:
             vertices: input positions, (V, 3); they say where the mesh lies and how large it is.
             faces: (F, 3).
+            input_faces: (n, 3), when the input pane shows fewer, because its holes are still open.
         """
         for renderer, pane in zip(self.interactor.renderers, self._panes, strict=False):
             renderer.RemoveActor(pane.actor)
@@ -170,9 +188,9 @@ class MeshPanes(QWidget):
         # VTK draws in single precision: around the origin and about 1 large, any mesh keeps its shape.
         self._centre = (low + high) / 2
         self._scale = 1.0 / max(float(np.linalg.norm(high - low)) / 2, 1e-300)
-        cells = vtkCellArray()
-        cells.SetData(3, numpy_to_vtkIdTypeArray(np.ascontiguousarray(faces, dtype=np.int64).ravel(), deep=True))
-        self._panes = [_Pane.make(cells, len(vertices), self._table) for _ in range(N_PANES)]
+        cells = _cells(faces)
+        input_cells = cells if input_faces is None or len(input_faces) == len(faces) else _cells(input_faces)
+        self._panes = [_Pane.make(own, len(vertices), self._table) for own in (input_cells, cells, cells)]
         self._visible = [False] * N_PANES
         for pane in self._panes:
             pane.actor.SetVisibility(False)
@@ -216,8 +234,8 @@ class MeshPanes(QWidget):
             self._table.Modified()
             self.interactor.mark()
 
-    def set_title(self, index: int, title: str, facts: str, details: str = "") -> None:
-        """Say above a pane what it shows; details are in its tool tip."""
+    def set_title(self, index: int, title: str, facts: Sequence[str], details: str = "") -> None:
+        """Say above a pane what it shows, the most important facts first; details are in its tool tip."""
         self.titles[index].set_texts(title, facts, details)
 
     # -- how it is looked at ------------------------------------------------------------------------------------------
@@ -227,10 +245,16 @@ class MeshPanes(QWidget):
         for renderer in self.interactor.renderers:
             camera = renderer.GetActiveCamera()
             camera.SetFocalPoint(0, 0, 0)
-            camera.SetPosition(*_FRONT)
-            camera.SetViewUp(0, 1, 0)
+            camera.SetPosition(*_FRONT[self._up])
+            camera.SetViewUp(*_UP[self._up])
             camera.SetViewAngle(_VIEW_ANGLE)
         self.fit_view()
+
+    def set_up(self, axis: UpAxis) -> None:
+        """Let another axis point up, and look from the front again."""
+        if axis != self._up:
+            self._up = axis
+            self.reset_view()
 
     def fit_view(self) -> None:
         """Bring the whole mesh into all panes without turning it."""
@@ -312,6 +336,12 @@ class MeshPanes(QWidget):
                 pane.actor.GetProperty().SetEdgeColor(*rgb(self._theme.mesh_edges))
 
 
+def _cells(faces: IntArray) -> vtkCellArray:
+    cells = vtkCellArray()
+    cells.SetData(3, numpy_to_vtkIdTypeArray(np.ascontiguousarray(faces, dtype=np.int64).ravel(), deep=True))
+    return cells
+
+
 def _fit_camera(camera: Any, points: NDArray[np.float32], aspect: float) -> None:
     """Move a camera along its line of sight until all points, (V, 3), are in view of a pane ``aspect`` times as wide as high.
 
@@ -322,10 +352,15 @@ def _fit_camera(camera: Any, points: NDArray[np.float32], aspect: float) -> None
     right = np.cross(camera.GetViewUp(), backward)
     right /= np.linalg.norm(right)
     up = np.cross(backward, right)
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
-    across, above, towards = (points - middle) @ right, (points - middle) @ up, (points - middle) @ backward
     tangent = np.tan(np.radians(camera.GetViewAngle() / 2.0))
-    distance = float(np.max(towards + _MARGIN * np.maximum(np.abs(above), np.abs(across) / aspect) / tangent))
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
+    distance = 1.0
+    # Perspective makes what is near larger, so the middle of the picture is found in a few rounds.
+    for _ in range(4):
+        across, above, towards = (points - middle) @ right, (points - middle) @ up, (points - middle) @ backward
+        distance = float(np.max(towards + _MARGIN * np.maximum(np.abs(above), np.abs(across) / aspect) / tangent))
+        x, y = across / (distance - towards), above / (distance - towards)
+        middle = middle + distance * ((x.min() + x.max()) / 2 * right + (y.min() + y.max()) / 2 * up)
     camera.SetFocalPoint(*middle)
     camera.SetPosition(*(middle + backward * distance))
     camera.SetViewUp(*up)

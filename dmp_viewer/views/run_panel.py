@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import cast
 
 from qtpy.QtCore import Qt, Signal
-from qtpy.QtGui import QAction
+from qtpy.QtGui import QAction, QFont, QFontMetrics
 from qtpy.QtWidgets import (
     QComboBox,
     QFormLayout,
@@ -64,9 +64,11 @@ class RunPanel(QWidget):
 
     Signals:
         settingsEdited: the user changed a setting.
+        taskChosen: the user chose another task.
     """
 
     settingsEdited = Signal()
+    taskChosen = Signal()
 
     def __init__(
         self,
@@ -229,6 +231,7 @@ class RunPanel(QWidget):
         if len(tasks) > 1:
             self._add(form, "task", make_editor("task", tuple((task, _TASK_TEXTS.get(task, task)) for task in tasks)))
             self._editors["task"].edited.connect(self._on_preset_chosen)
+            self._editors["task"].edited.connect(self.taskChosen)
         presets = tuple((name, _PRESET_TEXTS.get(name, name.capitalize())) for name in choices("preset"))
         self._add(form, "preset", make_editor("preset", presets))
         self._editors["preset"].edited.connect(self._on_preset_chosen)
@@ -248,6 +251,7 @@ class RunPanel(QWidget):
         self._advanced = Collapsible("Advanced", advanced)
         self._reset = QPushButton("Back to the preset's values")
         self._reset.clicked.connect(self._on_preset_chosen)
+        self._align_labels()
         layout = QVBoxLayout(content)
         layout.setContentsMargins(12, 10, 12, 8)
         layout.setSpacing(8)
@@ -274,6 +278,14 @@ class RunPanel(QWidget):
             editor.setMinimumContentsLength(12)
         editor.setMinimumWidth(130)
         form.addRow(text, editor)
+
+    def _align_labels(self) -> None:
+        """Give all labels the width of the longest in bold, so that nothing moves when one becomes bold."""
+        bold = QFont(self.font())
+        bold.setBold(True)
+        width = max(QFontMetrics(bold).horizontalAdvance(text.text()) for text in self._labels.values()) + 2
+        for text in self._labels.values():
+            text.setFixedWidth(width)
 
     def _build_controls(self) -> QWidget:
         frame = QWidget(self)
@@ -371,10 +383,3 @@ def available_devices() -> tuple[tuple[str, str], ...]:
     return tuple(
         (f"cuda:{index}", f"GPU {index}: {torch.cuda.get_device_name(index)}") for index in range(torch.cuda.device_count())
     )
-
-
-def available_tasks() -> tuple[str, ...]:
-    """Return the tasks that the method can do in this version."""
-    from dmp import problem
-
-    return ("denoise", "complete") if hasattr(problem, "completion") else ("denoise",)

@@ -19,7 +19,7 @@ LABELS = {
     "width_divisor": "Width divisor", "input_channels": "Input channels", "learning_rate": "Learning rate",
     "laplacian_weight": "Laplacian weight λ", "laplacian_form": "Laplacian form", "predict": "Predict",
     "smoothing": "Smoothing", "smoothing_steps": "Smoothing steps", "scaling": "Scaling", "hold_out": "Hold out",
-    "average": "Running average", "method": "Method", "noise_level": "Noise level", "noise_tangential": "Noise across normal",
+    "average": "Running average", "method": "Method", "noise_level": "Noise level", "noise_tangential": "Tangential noise",
     "normal_weight": "Normal weight", "bilateral_layers": "Bilateral layers", "normal_passes": "Normal passes",
     "vertex_passes": "Vertex passes", "patch_size": "Patch size", "known_vertices": "Known vertices",
     "max_hole_edges": "Largest hole", "rest_movement": "At rest below",

@@ -25,7 +25,10 @@ from dmp_viewer.views.buttons import follow_action
 
 CARD_PICTURE = QSize(208, 132)
 _STEPS = (
-    ("Open a damaged mesh", "A noisy scan as PLY, OBJ, STL or OFF. Nothing else is needed: no examples, no training data."),
+    (
+        "Open a damaged mesh",
+        "A scan with noise or holes, as PLY, OBJ, STL or OFF. No examples, no training data are needed.",
+    ),
     ("Watch the network learn it", "Press Start. The shape is learnt first, the noise last; you see every step."),
     ("Keep the best step", "Go back in time to where the noise is gone and the detail is there, and save it."),
 )

@@ -164,6 +164,24 @@ class TestHardHoles:
         assert not filled.patches
         assert "single triangle" in filled.left_open[0].reason
 
+    def test_a_hole_in_one_point(self) -> None:
+        sphere = sphere_mesh(2)
+        vertices = sphere.vertices.copy()
+        vertices[sphere.faces[0]] = [0.6, 0.6, 0.6]
+        mesh = TriangleMesh(vertices, sphere.faces[1:])
+        filled = fill_holes(mesh)
+        assert [boundary.reason for boundary in filled.left_open] == ["All its vertices lie in one point."]
+
+    def test_many_remarks_are_counted(self) -> None:
+        sphere = sphere_mesh(4)
+        apart = np.arange(0, sphere.n_faces, 40)
+        rough = sphere.vertices + 0.3 * np.random.default_rng(0).standard_normal(sphere.vertices.shape)
+        gone = np.isin(sphere.faces, sphere.faces[apart]).any(axis=1)
+        filled = fill_holes(holed_meshes.without_faces(sphere.with_vertices(rough), gone))
+        n_remarks = sum(len(patch.remarks) for patch in filled.patches)
+        assert n_remarks > 6
+        assert filled.notes[-1] == f"There are {n_remarks - 5} more such remarks about single holes."
+
     def test_the_rim_of_a_flat_sheet_cannot_be_closed(self) -> None:
         sheet = TriangleMesh(np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]]))
         filled = fill_holes(sheet, boundary_loops(sheet))

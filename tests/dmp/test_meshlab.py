@@ -84,6 +84,12 @@ def test_a_crash_is_told(worker: Path, sphere: TriangleMesh, name: str) -> None:
         meshlab.run_filters(sphere, [SMOOTHING])
 
 
+def test_any_other_end_is_a_crash(worker: Path, sphere: TriangleMesh) -> None:
+    worker.write_text("raise RuntimeError\n")
+    with pytest.raises(MeshError, match=r"crashed \(exit code 1\)"):
+        meshlab.run_filters(sphere, [SMOOTHING])
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux enforces the limit")
 def test_too_little_memory_is_told(sphere: TriangleMesh) -> None:
     with pytest.raises(MeshError, match=r"more than 0\.125 GB of memory"):

@@ -22,6 +22,7 @@ from dmp_viewer import startup
 from dmp_viewer.app import make_application
 from dmp_viewer.controller import Controller
 from dmp_viewer.settings import Preferences
+from dmp_viewer.tasks import TASKS
 from dmp_viewer.views import dialogs
 from dmp_viewer.views.main_window import MainWindow
 
@@ -124,7 +125,7 @@ def make_viewer(qtbot: QtBot, tmp_path: Path) -> Iterator[Callable[..., Controll
     made: list[Controller] = []
 
     def make(preferences: Preferences | None = None, *, width: int = 1000, height: int = 700, show: bool = True) -> Controller:
-        window = MainWindow(multi_samples=0)
+        window = MainWindow(multi_samples=0, tasks=TASKS)
         window.resize(width, height)
         path = tmp_path / "window.json"
         controller = Controller(window, preferences or Preferences(theme="light"), path, runs_folder=tmp_path / "runs")

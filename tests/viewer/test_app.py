@@ -114,7 +114,7 @@ def test_settings_that_cannot_work_leave_no_empty_run(noisy_sphere: TriangleMesh
 
     settings = settings_for(device=f"cuda:{torch.cuda.device_count()}")
     with pytest.raises(SettingsError, match="cuda"):
-        start_session(denoising(noisy_sphere, settings), Source("scan"), settings, tmp_path / "runs")
+        start_session(Source("scan", noisy_sphere), settings, tmp_path / "runs")
     assert not (tmp_path / "runs").exists()
 
 
@@ -123,7 +123,7 @@ def test_the_window_leaves_a_core_to_itself(noisy_sphere: TriangleMesh, tmp_path
     from dmp_viewer.model import Source
 
     settings = settings_for(steps=2)
-    session = start_session(denoising(noisy_sphere, settings), Source("scan"), settings, tmp_path / "runs")
+    session = start_session(Source("scan", noisy_sphere), settings, tmp_path / "runs")
     next(session.records)
     training = session.records.gi_frame.f_locals["training"]  # type: ignore[attr-defined]
     assert training.threads == cores_beside_a_window()

@@ -16,7 +16,7 @@ from tests.viewer.conftest import FakeRun
 @pytest.fixture
 def workspace(problem: Problem) -> Workspace:
     workspace = Workspace()
-    workspace.open_problem(problem, Source("scan"))
+    workspace.open_problem(problem, Source("scan", problem.mesh))
     return workspace
 
 
@@ -69,18 +69,18 @@ def test_a_kept_step_is_stored_in_the_run_and_survives_more_training(workspace: 
 
 def test_a_run_is_opened_at_its_kept_step(workspace: Workspace, trained_run: FakeRun) -> None:
     trained_run.kept_step = 20
-    workspace.open_run(trained_run, trained_run.problem, Source("scan"), None)
+    workspace.open_run(trained_run, trained_run.problem, Source("scan", trained_run.problem.mesh), None)
     assert (workspace.shown_step, workspace.follow_latest, len(workspace.curve)) == (20, False, 41)
 
 
 def test_a_run_without_a_choice_is_opened_at_its_end(workspace: Workspace, trained_run: FakeRun) -> None:
-    workspace.open_run(trained_run, trained_run.problem, Source("scan"), None)
+    workspace.open_run(trained_run, trained_run.problem, Source("scan", trained_run.problem.mesh), None)
     assert workspace.shown_step == 40
 
 
 def test_another_mesh_lets_the_run_go(workspace: Workspace, trained_run: FakeRun, problem: Problem) -> None:
-    workspace.open_run(trained_run, trained_run.problem, Source("scan"), None)
-    workspace.open_problem(problem, Source("other"))
+    workspace.open_run(trained_run, trained_run.problem, Source("scan", trained_run.problem.mesh), None)
+    workspace.open_problem(problem, Source("other", problem.mesh))
     assert workspace.run is None
     assert workspace.snapshot_steps == []
     assert workspace.shown_step is None
@@ -130,7 +130,7 @@ def test_the_range_of_the_run_covers_all_its_steps(workspace: Workspace, fake_ru
 def test_mad_is_measured_when_the_truth_comes_after_the_training(workspace: Workspace, problem: Problem) -> None:
     snapshot = Snapshot("fake", 10, problem.target, {}, 1.0)
     assert workspace.mad_at(snapshot) == pytest.approx(workspace.mad_of(problem.target))
-    workspace.open_problem(denoising(problem.mesh, settings_for()), Source("scan"))
+    workspace.open_problem(denoising(problem.mesh, settings_for()), Source("scan", problem.mesh))
     assert workspace.mad_at(snapshot) is None
 
 
@@ -160,6 +160,6 @@ def test_the_cache_stays_within_its_bytes_and_keeps_the_newest() -> None:
 
 
 def test_a_forgotten_snapshot_comes_from_the_run_again(workspace: Workspace, trained_run: FakeRun) -> None:
-    workspace.open_run(trained_run, trained_run.problem, Source("scan"), None)
+    workspace.open_run(trained_run, trained_run.problem, Source("scan", trained_run.problem.mesh), None)
     assert workspace.snapshot(10) is trained_run.snapshots[10]
     assert workspace.snapshot(11) is None

@@ -66,7 +66,7 @@ def test_moving_quickly_over_snapshots_stays_fluid(
         run.snapshots[step] = Snapshot("fake", step, problem.base + share * (problem.target - problem.base))
         run.rows.append({"step": step, "seconds": 1.0, "data_loss": 1.0 - share / 2})
     viewer = make_viewer(width=1280, height=800)
-    viewer.workspace.open_run(run, problem, Source("sheet"), None)
+    viewer.workspace.open_run(run, problem, Source("sheet", mesh), None)
     viewer.presenter.flush()
     qtbot.wait(300)
     spent: list[float] = []
