@@ -143,7 +143,7 @@ _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
         "average": 0.0,
     },
     ("best", "denoise"): {
-        "method": "recorrupted", "steps": 120, "snapshot_every": 10, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.0,
+        "method": "recorrupted", "steps": 180, "snapshot_every": 10, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.0,
         "average": 0.97,
     },
 }  # fmt: skip
@@ -173,6 +173,7 @@ def settings_for(task: str = "denoise", preset: str = "compact", **overrides: An
     if (preset, task) not in _PRESETS:
         check("task", task)
         check("preset", preset)
+        raise SettingsError(f"There is no preset '{preset}' for --task {task}. Use compact or paper.")
     values = {**_PRESETS[(preset, task)], **{name: value for name, value in overrides.items() if value is not None}}
     for name in values:
         if name not in SETTING_FIELDS:

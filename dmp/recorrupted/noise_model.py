@@ -14,6 +14,8 @@ from dmp.topology import adjacency
 # Median length of a two-dimensional standard normal vector, sqrt(2 ln 2).
 _MEDIAN_RAYLEIGH = 1.1774100225154747
 _MAD_TO_SIGMA = 1.4826
+# Up to this level, in mean edge lengths, an estimate cannot be told from the irregularity of a clean mesh.
+NO_NOISE = 0.01
 # Squares are averaged over the neighbourhood so many times; this share of the neighbourhoods is called quiet.
 _QUIET_STEPS, _QUIET_SHARE = 4, 0.05
 # Even noise on the meshes tried made the quiet neighbourhoods 0.94 to 1.08 times as loud as the whole.
@@ -33,6 +35,13 @@ class NoiseModel:
     level: float
     tangential: float
     normals: FloatArray
+
+    def words(self) -> str:
+        """Return the model as a person would put it, such as ``noise about 0.21 edge lengths, mostly along the normal``."""
+        if self.level < NO_NOISE:
+            return "no noise that could be told from the shape"
+        direction = "mostly along the normal" if self.tangential < 0.5 else "in all directions"
+        return f"noise about {self.level:.2f} edge lengths, {direction}"
 
 
 def lightly_smoothed(positions: FloatArray, faces: IntArray, steps: int = 3) -> FloatArray:

@@ -11,14 +11,14 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from dmp.errors import TrainingError
+from dmp.errors import SettingsError, TrainingError
 from dmp.geometry import face_area_vectors, normalised
 from dmp.mesh import FloatArray
 from dmp.problem import Problem
 from dmp.recorrupted.filter_bank import diffusions, invariants
 from dmp.recorrupted.losses import normal_loss, position_loss, weighted
 from dmp.recorrupted.network import Operators, RestorationNetwork
-from dmp.recorrupted.noise_model import NoiseModel, estimate_noise, lightly_smoothed
+from dmp.recorrupted.noise_model import NO_NOISE, NoiseModel, estimate_noise, lightly_smoothed
 from dmp.recorrupted.outliers import find_outliers, replaced
 from dmp.recorrupted.patches import Patch, patches, whole
 from dmp.recorrupted.products import area_vectors
@@ -27,9 +27,8 @@ from dmp.training import Training
 
 # Below this level, in mean edge lengths, features are not divided by the noise any more.
 _LEAST_LEVEL = 0.01
-# Up to the first level an estimate cannot be told from the irregularity of a clean mesh, which then stays as it is; from
-# the second level on the network has its way.
-_NO_NOISE, _SURE_NOISE = 0.01, 0.03
+# Up to NO_NOISE the mesh stays as it is; from this level on the network has its way.
+_SURE_NOISE = 0.03
 _LARGEST_GRADIENT = 2.0
 # Area vectors of a lightly smoothed mesh scale the normal term; a sliver's would let its noise count without bound.
 _LEAST_AREA_VECTOR = 0.15
@@ -64,6 +63,8 @@ class RecorruptedTraining(Training):
     """
 
     def __init__(self, problem: Problem, settings: Settings, *, run_id: str | None = None) -> None:
+        if not problem.known.all():
+            raise SettingsError("--method recorrupted removes noise from a whole mesh. Use --method prior to fill holes.")
         super().__init__(problem, settings, np.zeros(0, dtype=np.int64), run_id)
         faces = problem.mesh.faces
         positions = (problem.target - problem.origin) / problem.edge_length
@@ -71,7 +72,7 @@ class RecorruptedTraining(Training):
         positions = replaced(positions, faces, self.outliers)
         self.noise = _with_settings(estimate_noise(positions, faces), settings)
         self._level = max(self.noise.level, _LEAST_LEVEL)
-        self._trust = float(np.clip((self.noise.level - _NO_NOISE) / (_SURE_NOISE - _NO_NOISE), 0, 1))
+        self._trust = float(np.clip((self.noise.level - NO_NOISE) / (_SURE_NOISE - NO_NOISE), 0, 1))
         self._scale = problem.edge_length / problem.unit
 
         smoothed = lightly_smoothed(positions, faces)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -60,9 +61,7 @@ def test_known_vertices_take_the_prediction_if_asked(holed: TriangleMesh) -> Non
 
 
 def test_inserted_vertices_never_enter_the_data_term(holed: TriangleMesh) -> None:
-    from dataclasses import replace
-
-    settings = _settings(known_vertices="predict")
+    settings = _settings(known_vertices="predict", laplacian_of="prediction")
     problem = completion(holed, settings)
     moved = problem.mesh.vertices + 9.0 * ~problem.known[:, None]
     other = replace(problem, mesh=problem.mesh.with_vertices(moved))

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -99,8 +101,6 @@ def test_held_out_vertices_never_enter_the_data_term(noisy_sphere: TriangleMesh)
     spoiled[training.held_out] += 50.0
     problem = training.problem
     # The same base and units, so that only the hidden targets differ.
-    from dataclasses import replace
-
     other = training_for(replace(problem, mesh=noisy_sphere.with_vertices(spoiled)), settings)
     left = [r.snapshot.vertices for r in training.steps() if r.snapshot]
     right = [r.snapshot.vertices for r in other.steps() if r.snapshot]

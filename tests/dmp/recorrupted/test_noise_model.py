@@ -84,3 +84,15 @@ def test_noise_everywhere_is_not_impulsive(ball: TriangleMesh, level: float) -> 
     generator = np.random.default_rng(5)
     assert not find_outliers(ball.vertices + level * generator.standard_normal(ball.vertices.shape), ball.faces).any()
     assert not find_outliers(ball.vertices + level * generator.uniform(-1, 1, ball.vertices.shape), ball.faces).any()
+
+
+def test_the_noise_is_told_in_words(ball: TriangleMesh) -> None:
+    noise = 0.2 * np.random.default_rng(7).standard_normal(ball.vertices.shape)
+    assert estimate_noise(ball.vertices + noise, ball.faces).words() == "noise about 0.20 edge lengths, in all directions"
+    assert estimate_noise(ball.vertices, ball.faces).words().startswith("no noise")
+
+
+def test_little_noise_is_not_mistaken_for_the_edges_of_a_cube() -> None:
+    cube = solid_cube(24)
+    noise = 0.05 * np.random.default_rng(8).standard_normal(cube.vertices.shape)
+    assert estimate_noise(cube.vertices + noise, cube.faces).level == pytest.approx(0.05, rel=0.35)

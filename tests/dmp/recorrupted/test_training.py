@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
 
-from dmp.errors import TrainingError
+from dmp.errors import SettingsError, TrainingError
 from dmp.mesh import TriangleMesh
 from dmp.methods import training_for
 from dmp.problem import denoising
@@ -62,6 +64,31 @@ def test_going_on_from_a_state_gives_the_same_bits(noisy_sphere: TriangleMesh) -
     assert np.array_equal(_result(second), expected)
     other = _training(noisy_sphere, seed=1)
     assert not np.array_equal(_result(other), expected)
+
+
+def test_inserted_vertices_are_refused(noisy_sphere: TriangleMesh) -> None:
+    settings = settings_for("denoise", "best", steps=1)
+    problem = denoising(noisy_sphere, settings)
+    known = np.ones(noisy_sphere.n_vertices, dtype=bool)
+    known[3] = False
+    with pytest.raises(SettingsError, match="whole mesh"):
+        RecorruptedTraining(dataclasses.replace(problem, known=known), settings)
+
+
+def test_exact_vertices_stay_exact_among_outliers() -> None:
+    mesh = sphere_mesh(4)
+    generator = np.random.default_rng(6)
+    hit = generator.random(mesh.n_vertices) < 0.15
+    noisy = mesh.with_vertices(mesh.vertices + 0.1 * hit[:, None] * generator.standard_normal(mesh.vertices.shape))
+    training = _training(noisy, mesh, steps=1, snapshot_every=1)
+    assert isinstance(training, RecorruptedTraining)
+    vertices = _result(training)
+    kept = ~training.outliers
+    assert np.mean(kept[~hit]) > 0.95
+    assert np.abs(vertices[kept] - noisy.vertices[kept]).max() < 1e-5
+    truth = training.problem.ground_truth
+    assert truth is not None
+    assert truth.mad(vertices) < 0.25 * truth.mad(noisy.vertices)
 
 
 def test_a_state_of_another_network_is_refused(noisy_sphere: TriangleMesh) -> None:
