@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -38,7 +39,9 @@ def holed() -> TriangleMesh:
 
 
 def _settings(**overrides: object) -> Settings:
-    return settings_for("complete", **{"steps": 40, "snapshot_every": 20, "log_every": 10, "threads": 1, **overrides})
+    return settings_for(
+        "complete", **{"preset": "compact", "steps": 40, "snapshot_every": 20, "log_every": 10, "threads": 1, **overrides}
+    )
 
 
 def test_known_vertices_keep_index_and_position_and_the_result_is_closed(holed: TriangleMesh) -> None:
@@ -176,3 +179,17 @@ def test_the_command_completes_and_a_mesh_without_holes_gets_a_sentence(
     assert run(tmp_path / "whole.ply", "-o", tmp_path / "same.ply") == 0
     assert "no holes" in capsys.readouterr().err
     assert np.array_equal(read_mesh(tmp_path / "same.ply").vertices, sphere_mesh(4).vertices)
+
+
+def test_info_lists_the_holes_and_the_rim(holed: TriangleMesh, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, mesh, kinds in (("holed.ply", holed, ["hole", "hole"]), ("sheet.ply", grid_mesh(6), ["outer rim"])):
+        write_mesh(tmp_path / name, mesh)
+        with pytest.raises(SystemExit):
+            main(["info", str(tmp_path / name), "--json"])
+        boundaries = json.loads(capsys.readouterr().out)["boundaries"]
+        assert [loop["kind"] for loop in boundaries] == kinds
+        assert [loop["edges"] for loop in boundaries] == [loop.n_edges for loop in boundary_loops(mesh)]
+    assert boundaries[0]["perimeter"] == pytest.approx(20)
+    with pytest.raises(SystemExit):
+        main(["info", str(tmp_path / "holed.ply")])
+    assert capsys.readouterr().out.count("hole") >= 2
