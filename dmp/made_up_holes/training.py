@@ -66,7 +66,7 @@ class MadeUpHoles(Training):
         valence = np.maximum(self._adjacency.sum(axis=1), 1.0)
         averaging = sparse.diags_array(1.0 / valence) @ self._adjacency
         self._smoothing = sparse.csr_array(0.5 * (sparse.eye_array(n_vertices) + averaging))
-        self._plate = ThinPlate(self._adjacency)
+        self._plate = ThinPlate(self._adjacency, faces)
         self._maker = HoleMaker(self._adjacency, problem.known)
         self._filled = ~problem.known
         self._true = problem.to_training_units(problem.target)

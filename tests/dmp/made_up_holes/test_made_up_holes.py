@@ -42,7 +42,7 @@ def test_thin_plate_continues_a_plane_exactly() -> None:
     free = np.zeros(81, dtype=bool)
     free[[30, 31, 39, 40, 41, 49]] = True
     spoiled = np.where(free[:, None], 7.0, tilted)
-    filled = ThinPlate(adjacency(sheet.faces, 81)).fill(spoiled, free)
+    filled = ThinPlate(adjacency(sheet.faces, 81), sheet.faces).fill(spoiled, free)
     heights = filled[:, 2] - 0.3 * filled[:, 0] + 0.2 * filled[:, 1]
     assert np.abs(heights).max() < 1e-6
     assert np.array_equal(filled[~free], tilted[~free])
@@ -101,7 +101,9 @@ def test_an_untrained_network_leaves_the_thin_plate(holed: TriangleMesh) -> None
     problem = completion(holed, settings)
     first = next(training_for(problem, settings).steps())
     assert first.snapshot is not None
-    plate = ThinPlate(adjacency(problem.mesh.faces, problem.mesh.n_vertices)).fill(problem.target, ~problem.known)
+    plate = ThinPlate(adjacency(problem.mesh.faces, problem.mesh.n_vertices), problem.mesh.faces).fill(
+        problem.target, ~problem.known
+    )
     assert first.snapshot.vertices == pytest.approx(plate, abs=1e-5)
 
 
