@@ -80,6 +80,7 @@ class Run:
         self._unsaved: dict[int, Snapshot] = {}
         self._base: FloatArray | None = None
         self._problem: Problem | None = None
+        self._parsed: tuple[tuple[int, int], list[dict[str, float]]] | None = None
 
     # -- making and opening ---------------------------------------------------------------------------------------
 
@@ -241,7 +242,19 @@ class Run:
 
     def curve(self) -> list[dict[str, float]]:
         """Return the logged steps in ascending order; each has ``step``, ``seconds`` and what was measured."""
-        return read_curve(self.folder / "curve.csv")
+        return [dict(row) for row in self._rows()]
+
+    def _rows(self) -> list[dict[str, float]]:
+        """Return the rows of the curve, read again only when the file has changed."""
+        path = self.folder / "curve.csv"
+        try:
+            status = path.stat()
+        except OSError:
+            return read_curve(path)
+        version = (status.st_mtime_ns, status.st_size)
+        if self._parsed is None or self._parsed[0] != version:
+            self._parsed = (version, read_curve(path))
+        return self._parsed[1]
 
     def snapshot_steps(self) -> list[int]:
         """Return the steps whose mesh is kept, ascending."""
@@ -256,7 +269,7 @@ class Run:
         base = self._base if self._base is not None else self._read_base(None)
         path = self._snapshot_path(step)
         displacement = _load_array(path, (len(base), 3))
-        row = next((row for row in self.curve() if row["step"] == step), {})
+        row = next((row for row in self._rows() if row["step"] == step), {})
         metrics = {name: value for name, value in row.items() if name not in ("step", "seconds")}
         return Snapshot(self.run_id, step, base + displacement, metrics, row.get("seconds", 0.0))
 

@@ -143,7 +143,7 @@ _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
         "average": 0.0,
     },
     ("best", "denoise"): {
-        "method": "recorrupted", "steps": 180, "snapshot_every": 10, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.0,
+        "method": "recorrupted", "steps": 200, "snapshot_every": 10, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.0,
         "average": 0.97,
     },
 }  # fmt: skip
