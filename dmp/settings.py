@@ -128,8 +128,8 @@ _TYPES = get_type_hints(Settings)
 _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
     ("compact", "denoise"): {},
     ("compact", "complete"): {
-        "steps": 8000, "snapshot_every": 100, "log_every": 10, "laplacian_weight": 1.0, "laplacian_of": "change", "hold_out": 0.0,
-        "rest_movement": 0.02,
+        "steps": 8000, "snapshot_every": 100, "log_every": 10, "laplacian_weight": 1.0, "laplacian_of": "change",
+        "hold_out": 0.0, "rest_movement": 0.02,
     },
     ("paper", "denoise"): {
         "steps": 5000, "snapshot_every": 50, "width_divisor": 1, "scaling": "box", "hold_out": 0.0, "average": 0.0,
