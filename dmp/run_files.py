@@ -59,6 +59,26 @@ def read_curve(path: Path) -> list[dict[str, float]]:
     return [rows[step] for step in sorted(rows)]
 
 
+class CurveFile:
+    """``curve.csv`` as it is now, read again only when it has changed."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._version: tuple[int, int] | None = None
+        self._rows: list[dict[str, float]] = []
+
+    def rows(self) -> list[dict[str, float]]:
+        """Return the rows, see :func:`read_curve`; they are not to be changed."""
+        try:
+            status = self._path.stat()
+        except OSError:
+            return read_curve(self._path)
+        version = (status.st_mtime_ns, status.st_size)
+        if version != self._version:
+            self._rows, self._version = read_curve(self._path), version
+        return self._rows
+
+
 def write_checkpoint(path: Path, state: Mapping[str, Any]) -> None:
     """Write a training state whole or not at all, behind a line with its digest (raises OSError)."""
     buffer = io.BytesIO()

@@ -29,7 +29,7 @@ from dmp.mesh import FloatArray, TriangleMesh
 from dmp.meshio import read_mesh, write_mesh
 from dmp.methods import training_for
 from dmp.problem import Problem
-from dmp.run_files import RunLock, curve_line, curve_text, read_checkpoint, read_curve, write_checkpoint
+from dmp.run_files import CurveFile, RunLock, curve_line, curve_text, read_checkpoint, write_checkpoint
 from dmp.settings import Settings, from_mapping, validated
 from dmp.snapshot import Snapshot, StepRecord
 from dmp.stopping import Suggestion, suggest
@@ -80,7 +80,7 @@ class Run:
         self._unsaved: dict[int, Snapshot] = {}
         self._base: FloatArray | None = None
         self._problem: Problem | None = None
-        self._parsed: tuple[tuple[int, int], list[dict[str, float]]] | None = None
+        self._curve = CurveFile(folder / "curve.csv")
 
     # -- making and opening ---------------------------------------------------------------------------------------
 
@@ -242,19 +242,7 @@ class Run:
 
     def curve(self) -> list[dict[str, float]]:
         """Return the logged steps in ascending order; each has ``step``, ``seconds`` and what was measured."""
-        return [dict(row) for row in self._rows()]
-
-    def _rows(self) -> list[dict[str, float]]:
-        """Return the rows of the curve, read again only when the file has changed."""
-        path = self.folder / "curve.csv"
-        try:
-            status = path.stat()
-        except OSError:
-            return read_curve(path)
-        version = (status.st_mtime_ns, status.st_size)
-        if self._parsed is None or self._parsed[0] != version:
-            self._parsed = (version, read_curve(path))
-        return self._parsed[1]
+        return [dict(row) for row in self._curve.rows()]
 
     def snapshot_steps(self) -> list[int]:
         """Return the steps whose mesh is kept, ascending."""
@@ -269,7 +257,7 @@ class Run:
         base = self._base if self._base is not None else self._read_base(None)
         path = self._snapshot_path(step)
         displacement = _load_array(path, (len(base), 3))
-        row = next((row for row in self._rows() if row["step"] == step), {})
+        row = next((row for row in self._curve.rows() if row["step"] == step), {})
         metrics = {name: value for name, value in row.items() if name not in ("step", "seconds")}
         return Snapshot(self.run_id, step, base + displacement, metrics, row.get("seconds", 0.0))
 

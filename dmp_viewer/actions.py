@@ -59,6 +59,8 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec("plain", "view", "&Plain shading", "Ctrl+3", "Show the bare surface.", group="quantity", checkable=True),
     ActionSpec("edges", "view", "Show &edges", "E",
                "Draw the edges of the triangles.", "edges", checkable=True, separated=True),
+    ActionSpec("filling_only", "view", "&Hole filling only", "H",
+               "Show hole filling alone in place of the completion, to compare both.", "filling", checkable=True),
     ActionSpec("link", "view", "&Link cameras", "L", "Turn all three panes together.", "link", checkable=True),
     ActionSpec("z_up", "view", "&Z axis up", "Z", "Let the Z axis point up instead of the Y axis.", checkable=True),
     ActionSpec("reset_view", "view", "&Fit view", "R", "Show the whole mesh in all panes.", "fit"),

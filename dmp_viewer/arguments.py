@@ -24,7 +24,7 @@ class Arguments:
     task: str = "denoise"
     start: bool = False
     steps: int | None = None
-    preset: str = "compact"
+    preset: str | None = None
     seed: int | None = None
     snapshot_every: int | None = None
     device: str | None = None
@@ -81,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--task", choices=TASKS, default="denoise", help="what to do (default: %(default)s)")
     parser.add_argument("--start", action="store_true", help="start training at once")
     parser.add_argument("--steps", type=int, metavar="N", help="training steps")
-    parser.add_argument("--preset", choices=method.choices("preset"), default="compact", help="settings to begin with")
+    parser.add_argument("--preset", choices=method.choices("preset"), help="settings to begin with")
     parser.add_argument("--seed", type=int, metavar="N", help="seed of everything random")
     parser.add_argument("--snapshot-every", type=int, metavar="N", help="keep the predicted mesh every N steps")
     parser.add_argument("--device", metavar="DEVICE", help="auto, cpu, cuda or cuda:N")

@@ -19,7 +19,9 @@ from dmp.snapshot import Snapshot
 from dmp_viewer import settings as preferences_file
 from dmp_viewer import tasks, theme
 from dmp_viewer.background import Background
+from dmp_viewer.curve_notes import is_judged_by_rest
 from dmp_viewer.export import Exporter
+from dmp_viewer.hole_control import HoleControl
 from dmp_viewer.model import Workspace
 from dmp_viewer.opener import Opener
 from dmp_viewer.presenter import Presenter
@@ -64,6 +66,7 @@ class Controller(QObject):
         self._preferences_path = preferences_path
         self._warnings_told = 0
         self.opener = Opener(self)
+        self.hole_control = HoleControl(self)
         self._connect()
         self._restore()
 
@@ -81,6 +84,8 @@ class Controller(QObject):
         window.curve.logAxisChanged.connect(self._on_curve_log_axis_changed)
         window.curve.smoothingChanged.connect(self._on_curve_smoothing_changed)
         window.panel.taskChosen.connect(self.opener.change_task)
+        window.panel.settingsChanged.connect(self.workspace.set_wanted)
+        self.workspace.set_wanted(window.panel.settings())
         window.timeline.stepChosen.connect(self.workspace.show_step)
         window.timeline.playToggled.connect(window.named_actions["play"].setChecked)
         runner.stateChanged.connect(self._on_runner_state_changed)
@@ -164,8 +169,8 @@ class Controller(QObject):
             return
         self.window.banners.clear()
         self._warnings_told = 0
-        folder = self.runs_folder
-        self.runner.start(lambda: tasks.start_session(source, settings, folder))
+        folder, loops = self.runs_folder, self.hole_control.loops_to_fill()
+        self.runner.start(lambda: tasks.start_session(source, settings, folder, loops))
 
     def proceed(self) -> None:
         """Go on with the run on show."""
@@ -174,7 +179,8 @@ class Controller(QObject):
             return
         self.window.banners.clear()
         self._warnings_told = 0
-        self.runner.start(lambda: tasks.continue_session(run))
+        steps = self.workspace.continue_until
+        self.runner.start(lambda: tasks.continue_session(run, steps))
 
     def _on_runner_state_changed(self, state: RunnerState) -> None:
         self.workspace.set_state(state)
@@ -204,6 +210,14 @@ class Controller(QObject):
         except DmpError as error:
             self.tell_error(error)
         self._tell_run_warnings()
+        if outcome.completed and self.workspace.came_to_rest:
+            step = f"{self.workspace.current_step:,}"
+            self.say(Message("success", f"The inserted vertices have come to rest at step {step}: the completion is done."))
+            return
+        if outcome.completed and is_judged_by_rest(self.workspace):
+            more = "; with more steps it can still get better" if run.settings.rest_movement > 0 else ""
+            self.say(Message("success", f"The training has reached its last step, and the completion is ready{more}."))
+            return
         suggestion = self.workspace.suggestion
         if outcome.completed and suggestion is not None and self.workspace.kept_step is None:
             text = f"The training has reached its last step. Suggested: step {suggestion.step:,}. {suggestion.reason}"
@@ -283,6 +297,9 @@ class Controller(QObject):
 
     def _do_edges(self) -> None:
         self.workspace.set_edges(not self.workspace.edges)
+
+    def _do_filling_only(self) -> None:
+        self.workspace.set_filling_only(not self.workspace.filling_only)
 
     def _do_link(self) -> None:
         self.workspace.set_linked(not self.workspace.linked)

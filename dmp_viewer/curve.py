@@ -52,8 +52,8 @@ MEASURES: tuple[Measure, ...] = (
     Measure("displacement", "Displacement", "Mean distance of the prediction from the smoothed mesh.", "edges", False),
     Measure("input_distance", "Distance to input", "Mean distance of the prediction from the input.", "edges", False),
     Measure("vertex_error", "Vertex error", "Mean distance of the vertices from the ground truth.", "edges", False),
-    Measure("inserted_movement", "Movement", "How far the inserted vertices still move from step to step, as a mean. When it "
-            "comes to rest, the completion is done.", "edges", True),
+    Measure("inserted_movement", "Movement", "How far the inserted vertices still move, as a mean, in edge lengths per 100 "
+            "steps. When it comes to rest, the completion is done.", "edges", True),
     Measure("made_up_error", "Error in made-up holes", "Mean error in holes that were made up where the truth is known. It "
             "tells how well the real holes are filled.", "edges", True),
     Measure("hole_distance", "Distance in holes", "Mean distance of the inserted vertices from the true surface.",
@@ -65,6 +65,37 @@ MEASURES: tuple[Measure, ...] = (
 )  # fmt: skip
 
 MEASURE_BY_NAME: Mapping[str, Measure] = {measure.name: measure for measure in MEASURES}
+
+# What the curve shows, by the kind of training.
+EXPLANATIONS = {
+    "denoise": "The data loss falls as long as training goes on: first the network learns the shape, later the noise as well. "
+    "The held-out error, measured on vertices that the training never sees, stops falling where the noise begins to be learnt. "
+    "Keep a step around there. With a ground truth, the lowest MAD marks the best step.",
+    "complete": "The network learns the shape around the holes and carries it into them. The movement tells how far the "
+    "inserted vertices still move: when it comes to rest, the completion is done. With a ground truth, the distance in the "
+    "holes tells how close it is.",
+    "made-up-holes": "The network learns to fill holes that are made up where the truth is known. The error in some that it "
+    "never learns from tells how well the real holes are filled. With a ground truth, the distance in the holes tells how "
+    "close it is.",
+    "complete, denoise": "The network learns the shape, fills the holes with it, and later learns the noise as well. The "
+    "held-out error, measured on vertices that the training never sees, stops falling where the noise begins to be learnt. "
+    "Keep a step around there.",
+}
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A value to compare a measure with, drawn as a level line.
+
+    Attributes:
+        name: the measure.
+        value: in the unit of the measure.
+        label: what it is, two or three words.
+    """
+
+    name: str
+    value: float
+    label: str
 
 
 def unit_text(unit: str, settings: Settings | None) -> str:
@@ -108,7 +139,8 @@ class Curve:
     def _append(self, row: dict[str, float]) -> None:
         self._rows.append(row)
         for name, value in row.items():
-            if name in MEASURE_BY_NAME:
+            # The first step changes nothing yet; its movement of 0 would only keep the axis from being logarithmic.
+            if name in MEASURE_BY_NAME and not (name == "inserted_movement" and row["step"] <= 1):
                 steps, values = self._columns.setdefault(name, ([], []))
                 steps.append(row["step"])
                 values.append(value)

@@ -17,6 +17,7 @@ _SHAPES: dict[str, str] = {
     '<path d="M12 3v9.5M3.5 8l8.5 4.5L20.5 8M12 12.5L3.5 16.5M12 12.5l8.5 4M12 12.5V21"/>',
     "link": '<path d="M10 14a4.5 4.5 0 0 0 6.4 0l3-3A4.5 4.5 0 0 0 13 4.6l-1.5 1.5"/>'
     '<path d="M14 10a4.5 4.5 0 0 0-6.4 0l-3 3A4.5 4.5 0 0 0 11 19.4l1.5-1.5"/>',
+    "filling": '<circle cx="12" cy="12" r="8.5" stroke-dasharray="3 2.6"/><circle class="solid" cx="12" cy="12" r="4.2"/>',
     "fit": '<path d="M4 9V4h5M15 4h5v5M20 15v5h-5M9 20H4v-5"/><circle cx="12" cy="12" r="3"/>',
     "play": '<path class="solid" d="M7 4.5v15l12.5-7.5z"/>',
     "pause": '<path class="solid" d="M6 5h4v14H6zM14 5h4v14h-4z"/>',

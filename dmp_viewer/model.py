@@ -6,8 +6,8 @@ The GUI thread owns it. What comes from the training thread arrives as frozen re
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,6 +22,7 @@ from dmp.snapshot import Snapshot, StepRecord
 from dmp.stopping import Suggestion, suggest
 from dmp_viewer.colors import ColorPolicy, Limits, UpAxis, Values, displacement_values, extent, limits_for
 from dmp_viewer.curve import Curve
+from dmp_viewer.holes import HoleChoice, Holes
 from dmp_viewer.states import Controls, RunnerState, controls_for
 
 
@@ -57,6 +58,7 @@ class Source:
         path: the file of the input, or None when only a run's copy of it is known.
         ground_truth_path: the file of the ground truth, if there is one.
         up: the axis that points up, where that is known.
+        holes: the boundaries of the mesh.
     """
 
     name: str
@@ -65,6 +67,7 @@ class Source:
     path: Path | None = None
     ground_truth_path: Path | None = None
     up: UpAxis | None = None
+    holes: Holes = field(default_factory=Holes)
 
     @property
     def folder(self) -> Path | None:
@@ -119,6 +122,9 @@ class Workspace:
     up_changed = Signal()
     state_changed = Signal()
     progress_changed = Signal()
+    wanted_changed = Signal()
+    filling_only_changed = Signal()
+    hole_measures_changed = Signal()
 
     def __init__(self) -> None:
         self.source: Source | None = None
@@ -138,6 +144,10 @@ class Workspace:
         self.current_step = 0
         self.seconds = 0.0
         self.device = ""
+        self.holes = HoleChoice()
+        self.wanted: Settings | None = None
+        self.filling_only = False
+        self._hole_measures: dict[int | None, Mapping[str, float]] = {}
         self._normals: FloatArray | None = None
         self._cache = SnapshotCache()
         self._input_extent: dict[str, float] = {}
@@ -153,7 +163,7 @@ class Workspace:
     def open_problem(self, problem: Problem, source: Source) -> None:
         """Take in another mesh; the run of the previous one is let go (it is safe in its folder)."""
         self._set_problem(problem)
-        self.source = source
+        self._set_source(source)
         self._set_run(None)
         self.state = RunnerState.IDLE
         self.problem_changed.emit()
@@ -162,7 +172,7 @@ class Workspace:
     def replace_problem(self, problem: Problem, source: Source) -> None:
         """Take in the same mesh with another base or ground truth; the run stays."""
         self._set_problem(problem)
-        self.source = source
+        self._set_source(source)
         self.problem_changed.emit()
         self.shown_step_changed.emit()
 
@@ -171,6 +181,13 @@ class Workspace:
         self._normals = vertex_normals(problem.base, problem.mesh.faces)
         self._input_extent.clear()
         self._extents.clear()
+        self._hole_measures.clear()
+
+    def _set_source(self, source: Source) -> None:
+        if source is not self.source:
+            self.set_filling_only(False)
+        self.source = source
+        self.holes.set_found(source.holes)
 
     # -- run --------------------------------------------------------------------------------------------------------
 
@@ -184,13 +201,14 @@ class Workspace:
             self._set_run(run)
         self.device = device
         self.set_follow_latest(True)
+        self.set_filling_only(False)
         self.problem_changed.emit()
         self._emit_run()
 
     def open_run(self, run: RunLike, problem: Problem, source: Source, suggestion: Suggestion | None) -> None:
         """Show a run from its folder: its meshes, curve and snapshots, at the step to look at first."""
         self._set_problem(problem)
-        self.source = source
+        self._set_source(source)
         self._set_run(run)
         self.suggestion = suggestion
         self.state = RunnerState.IDLE
@@ -233,16 +251,31 @@ class Workspace:
         self._show_latest()
 
     @property
-    def can_continue(self) -> bool:
-        """Whether the run on show can be trained further."""
-        if self.run is None or self.state.is_active:
+    def came_to_rest(self) -> bool:
+        """Whether the run on show ended before its last step, because its inserted vertices moved no more."""
+        run = self.run
+        if run is None or self.state.is_active or run.state != "finished" or run.settings.task != "complete":
             return False
-        return self.run.state in ("stopped", "interrupted", "failed") and self.current_step < self.run.settings.steps
+        return self.current_step < run.settings.steps
+
+    @property
+    def continue_until(self) -> int | None:
+        """The step until which the run on show can be trained further, or None when it cannot."""
+        run = self.run
+        if run is None or self.state.is_active or self.came_to_rest:
+            return None
+        if run.state not in ("stopped", "interrupted", "failed", "finished"):
+            return None
+        last = run.settings.steps
+        # A number of steps that was raised belongs to this run only as long as nothing else was changed.
+        if self.wanted is not None and run.settings == replace(self.wanted, **_free_settings(run.settings)):
+            last = max(last, self.wanted.steps)
+        return last if self.current_step < last else None
 
     @property
     def controls(self) -> Controls:
         """The controls that can be used now."""
-        return controls_for(self.state, has_mesh=self.problem is not None, can_continue=self.can_continue)
+        return controls_for(self.state, has_mesh=self.problem is not None, can_continue=self.continue_until is not None)
 
     @property
     def total_steps(self) -> int:
@@ -254,6 +287,12 @@ class Workspace:
         if state is not self.state:
             self.state = state
             self.state_changed.emit()
+
+    def set_wanted(self, settings: Settings) -> None:
+        """Take over what the run panel says about the next training."""
+        if settings != self.wanted:
+            self.wanted = settings
+            self.wanted_changed.emit()
 
     # -- steps ------------------------------------------------------------------------------------------------------
 
@@ -396,6 +435,39 @@ class Workspace:
             self._extents[key] = extent(self.values_of(snapshot.vertices)) if snapshot is not None else 0.0
         return self._extents[key]
 
+    # -- holes ------------------------------------------------------------------------------------------------------
+
+    @property
+    def is_completion(self) -> bool:
+        """Whether the mesh on show had holes that were filled."""
+        return self.problem is not None and self.problem.task == "complete"
+
+    def set_filling_only(self, filling_only: bool) -> None:
+        """Show hole filling alone in place of the prediction, or not."""
+        if filling_only != self.filling_only:
+            self.filling_only = filling_only
+            self.filling_only_changed.emit()
+
+    def shown_positions(self) -> FloatArray | None:
+        """Return what the predicted pane shows, (V, 3), None for nothing (raises :class:`dmp.errors.RunError`)."""
+        if self.problem is not None and self.is_completion and self.filling_only:
+            return self.problem.target
+        snapshot = self.snapshot(self.shown_step) if self.shown_step is not None else None
+        return None if snapshot is None else snapshot.vertices
+
+    def hole_measures(self, step: int | None) -> Mapping[str, float]:
+        """Return what was measured in the holes at a step, or of hole filling alone (None); empty while unknown."""
+        if step in self._hole_measures:
+            return self._hole_measures[step]
+        snapshot = self._cache.get(step) if step is not None else None
+        return snapshot.metrics if snapshot is not None and "hole_distance" in snapshot.metrics else {}
+
+    def set_hole_measures(self, problem: Problem, step: int | None, measures: Mapping[str, float]) -> None:
+        """Take in what was measured on ``problem``; too late when another one is open by now."""
+        if problem is self.problem:
+            self._hole_measures[step] = measures
+            self.hole_measures_changed.emit()
+
     # -- ground truth -----------------------------------------------------------------------------------------------
 
     def mad_of(self, positions: FloatArray) -> float | None:
@@ -407,3 +479,8 @@ class Workspace:
         """Return the MAD of a snapshot, measured now when the ground truth came after the training."""
         known = snapshot.metrics.get("mad")
         return known if known is not None else self.mad_of(snapshot.vertices)
+
+
+def _free_settings(settings: Settings) -> dict[str, Any]:
+    """Return the settings that may differ when a run is continued, with their values in the run."""
+    return {name: getattr(settings, name) for name in ("steps", "snapshot_every", "log_every", "device", "threads")}

@@ -98,9 +98,7 @@ class Opener(QObject):
             return
         settings = self._settings_for_opening()
         if settings.task != found.task:
-            self._window.panel.set_settings(
-                settings_for(found.task, settings.preset, seed=settings.seed, device=settings.device)
-            )
+            self._window.panel.set_settings(settings_for(found.task, seed=settings.seed, device=settings.device))
         self.open_path(found.mesh_path, found.ground_truth_path)
 
     def change_task(self) -> None:
@@ -109,8 +107,9 @@ class Opener(QObject):
         if source is None or self._workspace.run is not None or self._controller.runner.state.is_active:
             return
         settings = self._settings_for_opening()
+        loops = self._workspace.holes.loops_to_fill()
         self._window.banners.clear()
-        self._open("Setting up…", lambda: tasks.set_up(source, settings), self._on_task_set_up, "Setting up")
+        self._open("Setting up…", lambda: tasks.set_up(source, settings, loops), self._on_task_set_up, "Setting up")
 
     def offer_samples(self, *, with_pictures: bool = True) -> None:
         """Fill the menu and the start page with the samples that this version can work on, and draw their pictures."""
@@ -163,8 +162,11 @@ class Opener(QObject):
     def _on_mesh_opened(self, opened: tasks.OpenedMesh) -> None:
         self._turn_up(opened.source)
         self._workspace.open_problem(opened.problem, opened.source)
+        self._workspace.holes.set_failed(opened.failed)
         self._remember(opened.source.path)
         self._tell_notes(opened.notes)
+        if self._settings_for_opening().task == "denoise":
+            self._controller.hole_control.offer_filling()
 
     def _on_run_opened(self, opened: tasks.OpenedRun) -> None:
         self._turn_up(opened.source)
@@ -177,7 +179,10 @@ class Opener(QObject):
             self._controller.say(Message("info", text))
 
     def _on_task_set_up(self, opened: tasks.OpenedMesh) -> None:
+        if opened.source is not self._workspace.source:
+            return  # another mesh was opened meanwhile
         self._workspace.open_problem(opened.problem, opened.source)
+        self._workspace.holes.set_failed(opened.failed)
         self._tell_notes(opened.notes)
 
     def _on_truth_opened(self, opened: tasks.OpenedMesh) -> None:

@@ -8,8 +8,9 @@ from qtpy.QtCore import QObject, QTimer
 from dmp.errors import DmpError
 from dmp.problem import Problem
 from dmp.settings import Settings
-from dmp_viewer import tasks
+from dmp_viewer import curve_notes as notes
 from dmp_viewer.colors import color_table
+from dmp_viewer.hole_presenter import HolePresenter
 from dmp_viewer.model import Workspace
 from dmp_viewer.states import RunnerState
 from dmp_viewer.views.banner import Message
@@ -20,7 +21,7 @@ from dmp_viewer.views.run_panel import Status
 _CURVE_INTERVAL_MS = 100
 _BEST = {"mad": "best MAD", "hole_distance": "closest to truth"}
 _SEPARATOR = "  ·  "
-_ALL = ("mesh", "policy", "predicted", "steps", "markers", "controls", "progress", "titles")
+_ALL = ("mesh", "policy", "predicted", "steps", "markers", "controls", "progress", "titles", "holes", "rims", "note")
 
 
 class Presenter(QObject):
@@ -32,6 +33,7 @@ class Presenter(QObject):
         self._workspace = workspace
         self._speed = 0.0
         self._drawn: Problem | None = None
+        self._holes = HolePresenter(window, workspace)
         self._dirty: set[str] = set()
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
@@ -43,17 +45,22 @@ class Presenter(QObject):
         self._curve_timer.timeout.connect(self._draw_curve)
         for signal, parts in (
             (workspace.problem_changed, _ALL),
-            (workspace.run_changed, ("predicted", "steps", "markers", "controls", "progress", "titles")),
+            (workspace.run_changed, ("predicted", "steps", "markers", "controls", "progress", "titles", "note")),
             (workspace.snapshots_changed, ("steps", "markers", "controls")),
             (workspace.shown_step_changed, ("predicted", "steps", "controls", "titles")),
             (workspace.kept_step_changed, ("markers", "controls", "titles")),
             (workspace.suggestion_changed, ("markers", "controls")),
             (workspace.follow_latest_changed, ("controls",)),
-            (workspace.coloring_changed, ("policy", "predicted", "mesh_values")),
+            (workspace.coloring_changed, ("policy", "predicted", "mesh_values", "holes")),
             (workspace.linked_changed, ("policy",)),
             (workspace.edges_changed, ("policy",)),
             (workspace.up_changed, ("policy",)),
-            (workspace.state_changed, ("controls", "progress", "titles")),
+            (workspace.state_changed, ("controls", "progress", "titles", "note")),
+            (workspace.wanted_changed, ("controls", "holes", "rims", "note")),
+            (workspace.holes.changed, ("holes", "rims")),
+            (workspace.holes.pointed_changed, ("rims",)),
+            (workspace.filling_only_changed, ("predicted", "controls", "titles")),
+            (workspace.hole_measures_changed, ("titles", "note")),
             (workspace.progress_changed, ("progress",)),
         ):
             # A default argument instead of a closure: psygnal keeps a strong reference to the function, and calls it bare.
@@ -98,6 +105,9 @@ class Presenter(QObject):
             ("controls", self._draw_controls),
             ("progress", self._draw_progress),
             ("titles", self._draw_titles),
+            ("holes", self._holes.draw_list),
+            ("rims", self._holes.draw_rims),
+            ("note", self._draw_note),
         ):
             if part in parts:
                 draw()
@@ -119,13 +129,16 @@ class Presenter(QObject):
 
     def _draw_meshes(self, problem: Problem) -> None:
         panes, workspace = self._window.panes, self._workspace
-        known = self._drawn
+        known, source = self._drawn, workspace.source
         if (
             known is None
             or not (known.mesh is problem.mesh or known.mesh.same_connectivity(problem.mesh))
             or not np.array_equal(known.target, problem.target)
         ):
-            panes.set_mesh(problem.target, problem.mesh.faces, tasks.known_faces(problem))
+            input_faces = source.mesh.faces if source is not None and problem.task == "complete" else None
+            panes.set_mesh(problem.target, problem.mesh.faces, input_faces)
+            self._holes.draw_seam(problem)
+            self.mark("rims")
             panes.set_positions(INPUT, problem.target)
             panes.reset_view()
         self._drawn = problem
@@ -138,16 +151,16 @@ class Presenter(QObject):
     def _draw_prediction(self, problem: Problem) -> None:
         workspace, panes = self._workspace, self._window.panes
         try:
-            snapshot = workspace.snapshot(workspace.shown_step) if workspace.shown_step is not None else None
+            positions = workspace.shown_positions()
             limits = workspace.limits()
         except DmpError as error:
             self._window.banners.show_message(Message("error", str(error)))
             panes.set_positions(PREDICTED, None)
             return
-        panes.set_positions(PREDICTED, None if snapshot is None else snapshot.vertices)
+        panes.set_positions(PREDICTED, positions)
         policy = workspace.coloring
-        if snapshot is not None:
-            panes.set_values(PREDICTED, None if policy.quantity == "plain" else workspace.values_of(snapshot.vertices))
+        if positions is not None:
+            panes.set_values(PREDICTED, None if policy.quantity == "plain" else workspace.values_of(positions))
         panes.set_limits(limits)
         factor, unit = (1.0 / problem.edge_length, "edge lengths") if policy.unit == "edges" else (1.0, "file units")
         self._window.color_bar.gradient.set_scale(color_table(policy.quantity), limits, factor, unit)
@@ -157,7 +170,8 @@ class Presenter(QObject):
         problem, source = workspace.problem, workspace.source
         if problem is None or source is None:
             return
-        mesh = problem.mesh
+        # The mesh as it was opened: what hole filling inserted is no part of the input.
+        mesh = source.mesh if problem.task == "complete" else problem.mesh
         name = source.path.name if source.path is not None else source.name
         facts, smoothed = [_shortened(name)], ["base of the displacements"]
         for texts, positions in ((facts, problem.target), (smoothed, problem.base)):
@@ -170,7 +184,6 @@ class Presenter(QObject):
         panes.set_title(INPUT, PANE_NAMES[INPUT], facts, whole)
         panes.set_title(SMOOTHED, PANE_NAMES[SMOOTHED], smoothed, explained)
         self._draw_prediction_title()
-        self._window.curve.set_task(problem.task)
         self._window.setWindowTitle(f"{source.name} – dmp-viewer")
         status = [f"{mesh.n_vertices:,} vertices", f"{mesh.n_faces:,} faces", f"mean edge length {problem.edge_length:.4g}"]
         if problem.ground_truth is not None:
@@ -181,6 +194,10 @@ class Presenter(QObject):
     def _draw_prediction_title(self) -> None:
         workspace = self._workspace
         step = workspace.shown_step
+        if workspace.is_completion and workspace.filling_only:
+            facts = [*self._holes.facts(), "nothing is learnt"]
+            self._window.panes.set_title(PREDICTED, "Hole filling alone", facts)
+            return
         if step is None:
             waiting = workspace.state in (RunnerState.PREPARING, RunnerState.RUNNING)
             hint = "The first prediction comes in a moment" if waiting else "Press Start to train the network on this mesh"
@@ -194,19 +211,20 @@ class Presenter(QObject):
         mad = workspace.mad_at(snapshot) if snapshot is not None else None
         if mad is not None:
             facts.append(f"MAD {mad:.2f}°")
-        if snapshot is not None and "hole_distance" in snapshot.metrics:
-            facts.append(f"{snapshot.metrics['hole_distance']:.3f} edge lengths off in the holes")
+        facts += self._holes.facts()
         if step == 0:
             facts.append("the untrained network")
         if step == workspace.kept_step:
             facts.append("kept")
-        if workspace.suggestion is not None and step == workspace.suggestion.step and step != 0:
+        suggestion = None if notes.is_judged_by_rest(workspace) else workspace.suggestion
+        if suggestion is not None and step == suggestion.step and step != 0:
             facts.append("suggested")
         if step == workspace.best_step:
             facts.append(f"{_BEST[workspace.quality]} so far" if workspace.state.is_active else _BEST[workspace.quality])
         if not facts and step == workspace.latest_step:
             facts.append("latest")
-        self._window.panes.set_title(PREDICTED, f"{PANE_NAMES[PREDICTED]} @ step {step:,}", facts)
+        name = "Completion" if workspace.is_completion else PANE_NAMES[PREDICTED]
+        self._window.panes.set_title(PREDICTED, f"{name} @ step {step:,}", facts)
 
     # -- steps --------------------------------------------------------------------------------------------------------
 
@@ -218,7 +236,7 @@ class Presenter(QObject):
 
     def _draw_markers(self) -> None:
         workspace, window = self._workspace, self._window
-        suggestion = workspace.suggestion if workspace.latest_step else None
+        suggestion = workspace.suggestion if workspace.latest_step and not notes.is_judged_by_rest(workspace) else None
         suggested = suggestion.step if suggestion is not None else None
         best = workspace.best_step
         window.timeline.set_markers(workspace.kept_step, suggested, best)
@@ -233,6 +251,7 @@ class Presenter(QObject):
         workspace = self._workspace
         settings: Settings | None = workspace.run.settings if workspace.run is not None else None
         self._window.curve.set_curve(workspace.curve, settings)
+        self._draw_note()
 
     # -- controls -----------------------------------------------------------------------------------------------------
 
@@ -249,7 +268,7 @@ class Presenter(QObject):
             ("first_step", len(steps) > 1 and shown != steps[0]), ("previous_step", len(steps) > 1 and shown != steps[0]),
             ("next_step", len(steps) > 1 and shown != steps[-1]), ("last_step", len(steps) > 1 and shown != steps[-1]),
             ("reset_view", workspace.problem is not None), ("edges", workspace.problem is not None),
-            ("link", workspace.problem is not None),
+            ("link", workspace.problem is not None), ("filling_only", workspace.is_completion),
             ("z_up", workspace.problem is not None), ("magnitude", workspace.problem is not None),
             ("signed", workspace.problem is not None), ("plain", workspace.problem is not None),
         ):  # fmt: skip
@@ -258,7 +277,11 @@ class Presenter(QObject):
         actions["keep"].setText("&Kept" if kept is not None and shown == kept else "&Keep this step")
         actions["save"].setText(f"&Save kept step {kept:,}…" if kept is not None else "&Save mesh…")
         actions["start"].setText("&Start" if workspace.run is None else "&Start a new run")
-        actions["proceed"].setText("&Continue")
+        actions["filling_only"].setVisible(workspace.is_completion)
+        actions["filling_only"].setChecked(workspace.filling_only)
+        until, run = workspace.continue_until, workspace.run
+        raised = until is not None and run is not None and until > run.settings.steps
+        actions["proceed"].setText(f"&Continue to {until:,} steps" if raised else "&Continue")
         self._window.panel.set_controls(controls, workspace.state)
 
     def _draw_progress(self) -> None:
@@ -271,9 +294,23 @@ class Presenter(QObject):
                 speed=self._speed,
                 seconds=workspace.seconds,
                 device=workspace.device,
-                run_state=workspace.run.state if workspace.run is not None and not workspace.state.is_active else "",
+                run_state=self._run_state(),
             )
         )
+
+    def _run_state(self) -> str:
+        workspace = self._workspace
+        if workspace.run is None or workspace.state.is_active:
+            return ""
+        return "rest" if workspace.came_to_rest else workspace.run.state
+
+    def _draw_note(self) -> None:
+        """Say what the curve shows, and draw the values to compare it with."""
+        workspace, curve = self._workspace, self._window.curve
+        settings = workspace.run.settings if workspace.run is not None else workspace.wanted
+        curve.set_task(notes.kind_of(settings))
+        curve.set_note(notes.note(workspace))
+        curve.set_references(notes.references(workspace))
 
 
 def _shortened(name: str, most: int = 26) -> str:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import uuid
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dmp.errors import MeshError, NoHolesError
+from dmp.errors import DmpError, MeshError, NoHolesError
 
 if TYPE_CHECKING:
-    from dmp.mesh import IntArray, TriangleMesh
+    from dmp.boundary import BoundaryLoop
+    from dmp.mesh import TriangleMesh
     from dmp.problem import Problem
     from dmp.runs import Run
     from dmp.settings import Settings
@@ -33,11 +35,13 @@ class OpenedMesh:
         problem: the mesh with its smoothed base and, if given, its ground truth.
         source: where it came from.
         notes: what was changed on the way, in sentences.
+        failed: indices of the holes that could not be closed, with the reason.
     """
 
     problem: Problem
     source: Source
     notes: tuple[str, ...]
+    failed: Mapping[int, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +57,7 @@ class OpenedRun:
 def open_mesh(path: Path, ground_truth_path: Path | None, settings: Settings) -> OpenedMesh:
     """Read a mesh and set it up for the task of ``settings`` (raises :class:`dmp.errors.MeshError`)."""
     from dmp.meshio import read_mesh_with_notes
+    from dmp_viewer.holes import find_holes
     from dmp_viewer.model import Source
 
     mesh, notes = read_mesh_with_notes(path)
@@ -60,22 +65,49 @@ def open_mesh(path: Path, ground_truth_path: Path | None, settings: Settings) ->
     if ground_truth_path is not None:
         truth, truth_notes = read_mesh_with_notes(ground_truth_path)
         notes = (*notes, *(f"Ground truth: {note}" for note in truth_notes))
-    source = Source(path.stem, mesh, truth, path.absolute(), _absolute(ground_truth_path), up_axis_of(path))
+    up = up_axis_of(path)
+    source = Source(path.stem, mesh, truth, path.absolute(), _absolute(ground_truth_path), up, find_holes(mesh))
     opened = set_up(source, settings)
     return replace(opened, notes=(*notes, *opened.notes))
 
 
-def set_up(source: Source, settings: Settings) -> OpenedMesh:
-    """Set an open mesh up for a task; one without holes is shown as it is when holes were to be filled."""
-    from dmp.completion import problem_for
+def set_up(source: Source, settings: Settings, loops: tuple[BoundaryLoop, ...] | None = None) -> OpenedMesh:
+    """Set an open mesh up for a task; one without holes is shown as it is when holes were to be filled.
+
+    Args:
+        source: what is open.
+        settings: what to do and how.
+        loops: the holes to fill, or None for the usual choice.
+    """
     from dmp.problem import denoising
+    from dmp_viewer.holes import failures
 
     try:
-        problem = problem_for(source.mesh, settings, source.ground_truth)
+        problem = _problem(source, settings, loops)
     except NoHolesError as error:
         shown = denoising(source.mesh, replace(settings, task="denoise"))
         return OpenedMesh(shown, source, (str(error),))
-    return OpenedMesh(problem, source, problem.notes)
+    if problem.task != "complete":
+        return OpenedMesh(problem, source, problem.notes)
+    most, usual = settings.max_hole_edges, source.holes.usual_choice
+    named = {id(loop) for loop in loops or ()}
+    wanted = frozenset(
+        index
+        for index, loop in enumerate(source.holes.loops)
+        if (index in usual if loops is None else id(loop) in named) and (not most or loop.n_edges <= most)
+    )
+    return OpenedMesh(problem, source, problem.notes, failures(source.holes, wanted, problem))
+
+
+def _problem(source: Source, settings: Settings, loops: tuple[BoundaryLoop, ...] | None) -> Problem:
+    from dmp.completion import completion
+    from dmp.problem import denoising
+
+    if settings.task != "complete":
+        return denoising(source.mesh, settings, source.ground_truth)
+    if loops is not None and not loops:
+        raise NoHolesError("No hole is chosen to be filled. Tick at least one in the list of holes.")
+    return completion(source.mesh, settings, source.ground_truth, loops)
 
 
 def add_ground_truth(problem: Problem, source: Source, path: Path) -> OpenedMesh:
@@ -97,6 +129,7 @@ def add_ground_truth(problem: Problem, source: Source, path: Path) -> OpenedMesh
 def open_run(folder: Path) -> OpenedRun:
     """Open a run folder (raises :class:`dmp.errors.RunError`)."""
     from dmp.runs import Run
+    from dmp_viewer.holes import find_holes, still_open
     from dmp_viewer.model import Source
 
     run = Run.open(folder)
@@ -104,23 +137,29 @@ def open_run(folder: Path) -> OpenedRun:
     path = run.input_path
     name = path.stem if path is not None else run.name
     truth = problem.ground_truth.mesh if problem.ground_truth is not None else None
-    source = Source(name, _before_filling(problem), truth, path, up=up_axis_of(path))
+    mesh = _before_filling(problem, path)
+    holes = find_holes(mesh)
+    if problem.task == "complete":
+        holes = replace(holes, chosen_at_first=frozenset(range(len(holes.loops))) - still_open(holes, problem.mesh))
+    source = Source(name, mesh, truth, path, up=up_axis_of(path), holes=holes)
     return OpenedRun(run, problem, source, run.suggestion())
 
 
-def start_session(source: Source, settings: Settings, runs_folder: Path | None = None) -> Session:
+def start_session(
+    source: Source, settings: Settings, runs_folder: Path | None = None, loops: tuple[BoundaryLoop, ...] | None = None
+) -> Session:
     """Set up a new training with a run folder of its own.
 
     Args:
         source: what is open.
         settings: what to do and how.
         runs_folder: where to put the run; by default where the library keeps them.
+        loops: the holes to fill, or None for the usual choice.
     """
-    from dmp.completion import problem_for
     from dmp.methods import training_for
     from dmp.runs import Run
 
-    fresh = problem_for(source.mesh, settings, source.ground_truth)
+    fresh = _problem(source, settings, loops)
     # Before the folder is made, so that settings that cannot work leave no empty run behind.
     training = training_for(fresh, settings)
     folder = runs_folder / f"{source.name}_{uuid.uuid4().hex[:8]}" if runs_folder is not None else None
@@ -129,9 +168,9 @@ def start_session(source: Source, settings: Settings, runs_folder: Path | None =
     return _session(run, training)
 
 
-def continue_session(run: Run) -> Session:
-    """Set up the continuation of a stopped or interrupted run (raises :class:`dmp.errors.RunError`)."""
-    return _session(run, run.resume())
+def continue_session(run: Run, steps: int | None = None) -> Session:
+    """Set up the continuation of a run, until ``steps`` if given (raises :class:`dmp.errors.RunError`)."""
+    return _session(run, run.resume(steps))
 
 
 def _session(run: Run, training: Training) -> Session:
@@ -154,19 +193,28 @@ def up_axis_of(path: Path | None) -> UpAxis | None:
         return None
 
 
-def _before_filling(problem: Problem) -> TriangleMesh:
-    """Return the mesh as it was before its holes were filled: inserted vertices and faces come last."""
+def _before_filling(problem: Problem, path: Path | None) -> TriangleMesh:
+    """Return the mesh as it was before its holes were filled: inserted vertices and faces come last.
+
+    A hole that needed faces only leaves no trace in the run, so the file itself is asked first, if it is still the same.
+    """
+    import numpy as np
+
     from dmp.mesh import TriangleMesh
+    from dmp.meshio import read_mesh
 
-    if problem.known.all():
+    if problem.task != "complete":
         return problem.mesh
-    known = int(problem.known.sum())
-    return TriangleMesh(problem.mesh.vertices[:known], known_faces(problem))
-
-
-def known_faces(problem: Problem) -> IntArray:
-    """Return the faces without inserted vertices, (n, 3)."""
-    return problem.mesh.faces[problem.known[problem.mesh.faces].all(axis=1)]
+    n_known = int(problem.known.sum())
+    vertices, faces = problem.mesh.vertices[:n_known], problem.mesh.faces
+    try:
+        mesh = read_mesh(path) if path is not None and path.is_file() else None
+    except DmpError:
+        mesh = None
+    if mesh is not None and mesh.n_vertices == n_known and np.array_equal(mesh.faces, faces[: mesh.n_faces]):
+        return mesh.with_vertices(vertices)
+    with_inserted = np.flatnonzero(~problem.known[faces].all(axis=1))
+    return TriangleMesh(vertices, faces[: with_inserted[0]] if len(with_inserted) else faces)
 
 
 def _absolute(path: Path | None) -> Path | None:

@@ -21,6 +21,7 @@ class Theme:
         mesh, mesh_edges: a mesh without values, and its edges.
         info, warning, error, success: backgrounds of messages.
         kept, suggested, best: markers on curve and timeline.
+        hole, pointed, halo: outline of holes and seams, of the hole that is looked at, and what surrounds both.
         curves: colours of the measures by name; each is told apart by its line style too.
     """
 
@@ -44,6 +45,9 @@ class Theme:
     kept: str
     suggested: str
     best: str
+    hole: str
+    pointed: str
+    halo: str
     curves: dict[str, str]
 
     @property
@@ -56,7 +60,7 @@ LIGHT = Theme(
     is_dark=False, window="#f3f4f6", base="#ffffff", raised="#fafbfc", text="#1b1f24", subtle="#5c6670", line="#cfd5db",
     accent="#1f66c1", on_accent="#ffffff", view_top="#ffffff", view_bottom="#e3e8ee", mesh="#c9ced6", mesh_edges="#30363d",
     info="#e3effc", warning="#fdf1d6", error="#fbe3e1", success="#e0f3e4", kept="#1a7f37", suggested="#8250df",
-    best="#00796b",
+    best="#00796b", hole="#e6007e", pointed="#ffc400", halo="#ffffff",
     curves={
         "data_loss": "#1f66c1", "laplacian_loss": "#b35900", "position_loss": "#1f66c1",
         "normal_loss": "#b35900",
@@ -72,7 +76,7 @@ DARK = Theme(
     is_dark=True, window="#1f2329", base="#16191e", raised="#262b32", text="#e6e9ed", subtle="#9aa5b1", line="#3a414a",
     accent="#5aa2f5", on_accent="#0c1420", view_top="#2b313a", view_bottom="#14171b", mesh="#aeb6c1", mesh_edges="#0e1116",
     info="#1d3350", warning="#4a3a12", error="#54221f", success="#1c3f28", kept="#56d364", suggested="#bc8cff",
-    best="#2dd4bf",
+    best="#2dd4bf", hole="#ff4fb0", pointed="#ffd84d", halo="#0b0d10",
     curves={
         "data_loss": "#6cb0ff", "laplacian_loss": "#f0a35e", "position_loss": "#6cb0ff",
         "normal_loss": "#f0a35e",
@@ -100,7 +104,16 @@ def apply(choice: str, application: QApplication) -> Theme:
         hints.setColorScheme(scheme)
     theme = wanted(choice, application)
     application.setPalette(palette(theme))
+    application.setPalette(box_palette(theme), "QCheckBox")
     return theme
+
+
+def box_palette(theme: Theme) -> QPalette:
+    """Return the palette of check boxes: the style outlines them darker than the window, which nobody sees on a dark one."""
+    result = palette(theme)
+    if theme.is_dark:
+        result.setColor(QPalette.ColorRole.Base, _mixed(theme.window, theme.text, 0.28))
+    return result
 
 
 def palette(theme: Theme) -> QPalette:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -22,21 +23,14 @@ from qtpy.QtWidgets import (
 )
 
 from dmp.settings import Settings
-from dmp_viewer.curve import MEASURE_BY_NAME, MEASURES, Curve, RunningAverage, unit_text
+from dmp_viewer.curve import EXPLANATIONS, MEASURE_BY_NAME, MEASURES, Curve, Reference, RunningAverage, unit_text
 from dmp_viewer.icons import icon
 from dmp_viewer.theme import LIGHT, Theme
 from dmp_viewer.views.curve_legend import CurveLegend, line_style
 from dmp_viewer.views.log_axis import LogAxis
 
-# What the curve shows, by task.
-EXPLANATIONS = {
-    "denoise": "The data loss falls as long as training goes on: first the network learns the shape, later the noise as well. "
-    "The held-out error, measured on vertices that the training never sees, stops falling where the noise begins to be learnt. "
-    "Keep a step around there. With a ground truth, the lowest MAD marks the best step.",
-    "complete": "The network learns the shape around the holes and carries it into them. The movement tells how far the "
-    "inserted vertices still move: when it comes to rest, the completion is done. With a ground truth, the distance in the "
-    "holes tells how close it is.",
-}
+# A completion is judged by its movement; how well it meets what is known says little about the holes.
+_QUIET_IN_HOLES = ("data_loss", "laplacian_loss")
 _LOG_TIP = "Logarithmic axis for losses and errors; MAD keeps its own linear axis."
 _NO_LOG_TIP = "One of the drawn values is not above zero, which a logarithmic axis cannot show."
 
@@ -69,6 +63,10 @@ class CurvePanel(QWidget):
         self._hidden = {measure.name for measure in MEASURES if not measure.shown}
         self._shown_step: int | None = None
         self._hovered_step: float | None = None
+        self._task = ""
+        self._note = ""
+        self._references: tuple[Reference, ...] = ()
+        self._levels: list[pg.InfiniteLine] = []
         self._build()
 
     # -- what is shown ------------------------------------------------------------------------------------------------
@@ -86,11 +84,33 @@ class CurvePanel(QWidget):
         self._update_readout()
 
     def set_task(self, task: str) -> None:
-        """Explain the curve of a task."""
+        """Explain the curve of a kind of training (key of :data:`EXPLANATIONS`) and draw at first what it is judged by."""
+        if task == self._task:
+            return
+        self._task = task
         text = EXPLANATIONS[task]
         self._empty.setText(f"The curve grows here during training.\n\n{text}")
         self._help.setToolTip(f"<p>{text}</p>")
         self._help.setAccessibleDescription(text)
+        quiet = _QUIET_IN_HOLES if task in ("complete", "made-up-holes") else ()
+        self._hidden = {measure.name for measure in MEASURES if not measure.shown or measure.name in quiet}
+        if self._raw:
+            self._legend.set_measures(list(self._raw), self._hidden)
+            self._legend.set_theme(self._theme)
+            self._draw_all()
+            self._update_readout()
+
+    def set_note(self, text: str) -> None:
+        """Say something else than which step is suggested; an empty text brings the suggestion back."""
+        if text != self._note:
+            self._note = text
+            self._write_advice()
+
+    def set_references(self, references: tuple[Reference, ...]) -> None:
+        """Draw level lines to compare measures with."""
+        if references != self._references:
+            self._references = references
+            self._draw_references()
 
     def set_shown_step(self, step: int | None) -> None:
         """Move the line of the shown step."""
@@ -142,6 +162,7 @@ class CurvePanel(QWidget):
         self._hover_line.setPen(pg.mkPen(theme.subtle, width=1, style=Qt.PenStyle.DotLine))
         for name in self._raw:
             self._style(name)
+        self._draw_references()
         self._legend.set_theme(theme)
         self._write_advice()
         self._help.setIcon(icon("help", theme, color=theme.subtle))
@@ -162,8 +183,8 @@ class CurvePanel(QWidget):
 
     @property
     def advice(self) -> str:
-        """The sentence about the suggested step."""
-        return self._advice_reason
+        """The sentence about the suggested step, or what is said in its place."""
+        return self._note or self._advice_reason
 
     # -- building -----------------------------------------------------------------------------------------------------
 
@@ -327,7 +348,26 @@ class CurvePanel(QWidget):
         self._apply_log_mode()
         for name in self._raw:
             self._draw(name)
+        self._draw_references()
         self._update_axes()
+
+    def _draw_references(self) -> None:
+        for line in self._levels:
+            self._plot.removeItem(line)
+        self._levels = []
+        logarithmic = self._plot.getAxis("left").logMode
+        for reference in self._references:
+            if reference.name not in self.drawn_names() or (logarithmic and reference.value <= 0):
+                continue
+            color = QColor(self._theme.curves[reference.name])
+            line = pg.InfiniteLine(
+                pos=math.log10(reference.value) if logarithmic else reference.value, angle=0, movable=False,
+                pen=pg.mkPen(color, width=1, style=Qt.PenStyle.DotLine),
+                label=reference.label, labelOpts={"position": 0.02, "anchors": [(0, 1), (0, 1)], "color": color},
+            )  # fmt: skip
+            line.setZValue(10)
+            self._plot.addItem(line)
+            self._levels.append(line)
 
     def _apply_log_mode(self) -> None:
         left = [name for name in self.drawn_names() if MEASURE_BY_NAME[name].unit != "degrees"]
@@ -359,6 +399,12 @@ class CurvePanel(QWidget):
 
     def _write_advice(self) -> None:
         step = self._advice_step
+        if self._note:
+            metrics = self._advice.fontMetrics()
+            shown = metrics.elidedText(self._note, Qt.TextElideMode.ElideRight, max(0, self._advice.width() - 4))
+            self._advice.setText(f'<span style="color:{self._theme.subtle}">{html.escape(shown)}</span>')
+            self._advice.setToolTip(self._note)
+            return
         if step is None:
             self._advice.setText("")
             return

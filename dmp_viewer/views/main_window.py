@@ -10,6 +10,7 @@ from qtpy.QtCore import QByteArray, QEvent, QObject, Qt, Signal
 from qtpy.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QKeyEvent
 from qtpy.QtWidgets import (
     QAbstractButton,
+    QAbstractItemView,
     QAbstractSlider,
     QAbstractSpinBox,
     QComboBox,
@@ -72,7 +73,7 @@ class MainWindow(QMainWindow):
         self.set_has_mesh(False)
         for widget in self.findChildren(QWidget):
             widget.setAcceptDrops(False)
-            if isinstance(widget, (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox)):
+            if isinstance(widget, (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QAbstractItemView)):
                 widget.installEventFilter(self)
 
     # -- what is shown ------------------------------------------------------------------------------------------------
@@ -195,7 +196,7 @@ class MainWindow(QMainWindow):
         self.addToolBar(bar)
         for name, with_text in (
             ("open", True), ("save", True), ("screenshot", False), ("", False), ("fit_spacer", False),
-            ("edges", True), ("link", True), ("reset_view", True),
+            ("filling_only", True), ("edges", True), ("link", True), ("reset_view", True),
         ):  # fmt: skip
             if not name:
                 bar.addSeparator()
@@ -204,7 +205,11 @@ class MainWindow(QMainWindow):
                 spacer.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
                 bar.addWidget(spacer)
             else:
-                bar.addWidget(tool_button(self.named_actions[name], with_text=with_text))
+                shown = bar.addWidget(tool_button(self.named_actions[name], with_text=with_text))
+                if name == "filling_only":
+                    # A tool bar hides the button of a hidden action only when it has made the button itself.
+                    action = self.named_actions[name]
+                    action.visibleChanged.connect(lambda shown=shown, action=action: shown.setVisible(action.isVisible()))
 
     def _add_open_menus(self) -> None:
         menu = self._menus["file"]
@@ -220,8 +225,8 @@ class MainWindow(QMainWindow):
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Leave Space to a button, arrows, Home and End to a slider or number that has the focus, not to the timeline."""
         if event.type() == QEvent.Type.ShortcutOverride and isinstance(event, QKeyEvent):
-            pressed = isinstance(watched, (QAbstractButton, QComboBox)) and event.key() == Qt.Key.Key_Space
-            moved = isinstance(watched, (QAbstractSlider, QAbstractSpinBox)) and event.key() in _MOVING_KEYS
+            pressed = isinstance(watched, (QAbstractButton, QComboBox, QAbstractItemView)) and event.key() == Qt.Key.Key_Space
+            moved = isinstance(watched, (QAbstractSlider, QAbstractSpinBox, QAbstractItemView)) and event.key() in _MOVING_KEYS
             if pressed or moved:
                 event.accept()
                 return True

@@ -20,6 +20,7 @@ from dmp.mesh import FloatArray, IntArray
 from dmp_viewer.colors import ColorTable, Limits, UpAxis, Values
 from dmp_viewer.theme import Theme, rgb
 from dmp_viewer.views.interactor import N_PANES, Interactor
+from dmp_viewer.views.outlines import Outline, dashed, whole
 
 INPUT, SMOOTHED, PREDICTED = range(N_PANES)
 PANE_NAMES = ("Input", "Smoothed", "Predicted")
@@ -29,6 +30,9 @@ _UP = {"y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _VIEW_ANGLE = 30.0
 _MARGIN = 1.06
 _SEPARATOR = "  ·  "
+# A hole that is looked at takes this share of the height of its pane, and the camera comes no nearer than this.
+_HOLE_SHARE = 0.36
+_NEAREST = 0.01
 
 
 @dataclass(eq=False)
@@ -170,6 +174,7 @@ class MeshPanes(QWidget):
         self._up: UpAxis = "y"
         self._linked = True
         self._edges = False
+        self._make_outlines()
         self.interactor.link_views()
 
     # -- what is shown ------------------------------------------------------------------------------------------------
@@ -198,6 +203,8 @@ class MeshPanes(QWidget):
             renderer.AddActor(pane.actor)
         self._apply_edges()
         self._apply_mesh_colors()
+        for outline in self.outlines.values():
+            outline.set_visible(False)
         self.interactor.mark()
 
     def set_positions(self, index: int, positions: FloatArray | None) -> None:
@@ -209,6 +216,8 @@ class MeshPanes(QWidget):
             pane.coordinates[:] = (positions - self._centre) * self._scale
             pane.points.Modified()
             pane.points.GetData().Modified()
+        if index == PREDICTED:
+            self.outlines["seam"].set_visible(positions is not None)
         self.interactor.mark([index])
 
     def set_values(self, index: int, values: Values | None) -> None:
@@ -238,6 +247,41 @@ class MeshPanes(QWidget):
         """Say above a pane what it shows, the most important facts first; details are in its tool tip."""
         self.titles[index].set_texts(title, facts, details)
 
+    # -- lines on the meshes ------------------------------------------------------------------------------------------
+
+    def set_holes(
+        self, vertices: FloatArray, chosen: Sequence[IntArray], others: Sequence[IntArray], pointed: Sequence[IntArray]
+    ) -> None:
+        """Draw the rims of holes in the input pane.
+
+        Args:
+            vertices: positions of the mesh with the holes, (V, 3), file units.
+            chosen: edges, each (n, 2), of the holes that are to be filled: full lines.
+            others: likewise of those that stay open: dashed lines.
+            pointed: likewise of the one that is looked at: a wide line around the other.
+        """
+        placed = (vertices - self._centre) * self._scale
+        for name, segments in (("chosen", whole(placed, chosen)), ("open", dashed(placed, others)),
+                               ("pointed", whole(placed, pointed))):  # fmt: skip
+            self.outlines[name].set_segments(segments.astype(np.float32))
+        self.interactor.mark([INPUT])
+
+    def set_seam(self, edges: IntArray) -> None:
+        """Draw edges, (n, 2), of the predicted mesh that part what was inserted from what was there."""
+        if self._panes:
+            self.outlines["seam"].set_edges(self._panes[PREDICTED].points, edges)
+            self.outlines["seam"].set_visible(self._visible[PREDICTED])
+            self.interactor.mark([PREDICTED])
+
+    def _make_outlines(self) -> None:
+        renderers = self.interactor.renderers
+        self.outlines = {
+            "pointed": Outline(renderers[INPUT], 11.0, 3.0),
+            "open": Outline(renderers[INPUT], 2.0, 2.0, layer=2),
+            "chosen": Outline(renderers[INPUT], 3.5, 2.5, layer=2),
+            "seam": Outline(renderers[PREDICTED], 2.0, 1.5),
+        }
+
     # -- how it is looked at ------------------------------------------------------------------------------------------
 
     def reset_view(self) -> None:
@@ -266,6 +310,34 @@ class MeshPanes(QWidget):
             # Wide enough for every snapshot, so that none is cut when the mesh changes under a resting camera.
             renderer.ResetCameraClippingRange(-2, 2, -2, 2, -2, 2)
         self._fitted_state = self.camera_state()
+        self.interactor.mark()
+
+    def look_at(self, centre: FloatArray, direction: FloatArray | None, size: float) -> None:
+        """Turn to a place on the mesh and come near; all panes do when they are linked, otherwise the input pane.
+
+        Args:
+            centre: what to look at, (3,), file units.
+            direction: from where, (3,) of length 1; None keeps the direction.
+            size: of what is there, file units.
+        """
+        renderers = list(self.interactor.renderers)
+        place = (centre - self._centre) * self._scale
+        for renderer in renderers[:1] if not self._linked else renderers:
+            camera = renderer.GetActiveCamera()
+            if direction is None:
+                offset = np.array(camera.GetPosition()) - np.array(camera.GetFocalPoint())
+                towards = offset / np.linalg.norm(offset)
+            else:
+                towards = direction
+            distance = max(size * self._scale / (2 * _HOLE_SHARE * np.tan(np.radians(_VIEW_ANGLE / 2))), _NEAREST)
+            up = np.array(_UP[self._up])
+            if abs(up @ towards) > 0.95:
+                up = np.roll(up, 1)
+            camera.SetFocalPoint(*place)
+            camera.SetPosition(*(place + towards * distance))
+            camera.SetViewUp(*up)
+            camera.SetViewAngle(_VIEW_ANGLE)
+            renderer.ResetCameraClippingRange(-2, 2, -2, 2, -2, 2)
         self.interactor.mark()
 
     def _on_resized(self) -> None:
@@ -310,6 +382,8 @@ class MeshPanes(QWidget):
             line.setPalette(palette)
             line.setAutoFillBackground(True)
         self._apply_mesh_colors()
+        for name, color in (("chosen", theme.hole), ("seam", theme.hole), ("open", theme.text), ("pointed", theme.pointed)):
+            self.outlines[name].set_colors(rgb(color), rgb(theme.halo))
         self.interactor.mark()
 
     def camera_state(self) -> tuple[tuple[float, ...], ...]:

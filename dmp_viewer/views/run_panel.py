@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 from qtpy.QtCore import Qt, Signal
 from qtpy.QtGui import QAction, QFont, QFontMetrics
@@ -23,16 +24,18 @@ from qtpy.QtWidgets import (
 )
 
 from dmp.errors import SettingsError
-from dmp.settings import Settings, choices, settings_for
+from dmp.settings import DENOISE_TOO, SETTING_FIELDS, Settings, choices, default_preset, settings_for
 from dmp_viewer.states import Controls, RunnerState
 from dmp_viewer.theme import Theme
 from dmp_viewer.views.buttons import follow_action
 from dmp_viewer.views.collapsible import Collapsible
+from dmp_viewer.views.hole_section import HOLE_SETTINGS, HoleSection, is_denoising_too
 from dmp_viewer.views.setting_editors import Editor, NumberEditor, advanced_names, label, make_editor, matters_to
 
 _PRESET_TEXTS = {"compact": "Compact", "paper": "Paper", "best": "Best"}
 _TASK_TEXTS = {"denoise": "Remove noise", "complete": "Fill holes"}
 _DEVICE_TEXTS = {"auto": "Automatic", "cpu": "Processor (CPU)"}
+_KNOWN_TEXTS = {"keep": "Keep exactly", "predict": "Take the prediction"}
 _PLAIN = ("steps", "snapshot_every", "seed", "device")
 
 
@@ -47,7 +50,8 @@ class Status:
         speed: steps per second, 0 while unknown.
         seconds: training time so far.
         device: where it computes.
-        run_state: how the run on show ended, as :attr:`dmp.runs.Run.state` tells it.
+        run_state: how the run on show ended, as :attr:`dmp.runs.Run.state` tells it, or ``rest`` when it ended early because
+            nothing moved any more.
     """
 
     state: RunnerState = RunnerState.IDLE
@@ -64,10 +68,12 @@ class RunPanel(QWidget):
 
     Signals:
         settingsEdited: the user changed a setting.
+        settingsChanged: the settings, whenever they have become others that can be used, whoever changed them.
         taskChosen: the user chose another task.
     """
 
     settingsEdited = Signal()
+    settingsChanged = Signal(object)
     taskChosen = Signal()
 
     def __init__(
@@ -82,6 +88,8 @@ class RunPanel(QWidget):
         self._actions = actions
         self._task = tasks[0]
         self._editors: dict[str, QWidget] = {}
+        self._told: Settings | None = None
+        self._preset_before: str | None = None
         self._form_area = QScrollArea(self)
         self._advanced: Collapsible
         self._build_form(tasks, devices)
@@ -120,11 +128,31 @@ class RunPanel(QWidget):
         return self._editors[name]
 
     def _on_preset_chosen(self) -> None:
+        self._take_preset({"preset": cast(Editor, self._editors["preset"]).value()})
+
+    def _on_task_chosen(self) -> None:
+        # Each task has a preset that it opens with; another one was chosen by the user and stays.
+        preset = cast(Editor, self._editors["preset"]).value()
+        before = self._told.task if self._told is not None else self._task
+        self._take_preset({} if preset == default_preset(before) else {"preset": preset})
+
+    def _take_preset(self, changes: Mapping[str, Any]) -> None:
         # A preset is a whole set of values; keeping single values of the last one would make something in between.
         kept = {name: cast(Editor, self._editors[name]).value() for name in ("seed", "device")}
         task = cast(Editor, self._editors["task"]).value() if "task" in self._editors else self._task
-        self.set_settings(settings_for(task, cast(Editor, self._editors["preset"]).value(), **kept))
+        self.set_settings(settings_for(task, **{**kept, **changes}))
         self.settingsEdited.emit()
+
+    def _on_denoise_too_chosen(self, wanted: bool) -> None:
+        if wanted:
+            self._preset_before = cast(Editor, self._editors["preset"]).value()
+        self._take_preset(DENOISE_TOO if wanted else {"preset": self._preset_before})
+
+    def _on_reset_clicked(self) -> None:
+        if self.hole_section.denoise_too.isChecked():
+            self._take_preset(DENOISE_TOO)
+        else:
+            self._on_preset_chosen()
 
     def _on_edited(self) -> None:
         self._check()
@@ -138,9 +166,12 @@ class RunPanel(QWidget):
             self._reset.setVisible(True)
             return
         self._say_problem("")
-        for name in advanced_names():
+        for name in _folded_names():
             self._advanced_form.setRowVisible(self._editors[name], matters_to(name, settings.task, settings.method))
-        preset = settings_for(settings.task, settings.preset, seed=settings.seed, device=settings.device)
+        self.hole_section.setVisible(settings.task == "complete")
+        self.hole_section.set_settings(settings)
+        more = DENOISE_TOO if is_denoising_too(settings) else {"preset": settings.preset}
+        preset = settings_for(settings.task, **{"seed": settings.seed, "device": settings.device, **more})
         changed = [name for name in self._editors if getattr(settings, name) != getattr(preset, name)]
         self._reset.setVisible(bool(changed))
         self._reset.setToolTip("Changed: " + ", ".join(label(name) for name in changed))
@@ -148,6 +179,18 @@ class RunPanel(QWidget):
             font = text.font()
             font.setBold(name in changed)
             text.setFont(font)
+        if settings != self._told:
+            self._told = settings
+            self._allow_known_vertices()
+            self.settingsChanged.emit(settings)
+
+    def _allow_known_vertices(self) -> None:
+        """Offer the choice about known vertices where the method has it."""
+        keeps = self._told is not None and self._told.method == "made-up-holes"
+        editor = self._editors["known_vertices"]
+        editor.setEnabled(self._labels["task" if "task" in self._labels else "preset"].isEnabled() and not keeps)
+        text = SETTING_FIELDS["known_vertices"].metadata["help"]
+        editor.setToolTip(f"<p>{_KEEPS_TIP if keeps else text}</p>")
 
     def _say_problem(self, text: str) -> None:
         self._problem_text.setText(text)
@@ -169,23 +212,32 @@ class RunPanel(QWidget):
 
     def set_controls(self, controls: Controls, state: RunnerState) -> None:
         """Enable what makes sense; buttons follow their actions, and only those that can ever act now are in sight."""
-        self._form_area.widget().setEnabled(not state.is_active)
+        # One by one, because the list of holes stays alive: a hole can be looked at while it is learnt.
+        for widget in (*self._labels.values(), *self._editors.values(), self._reset, self._advanced):
+            widget.setEnabled(not state.is_active)
+        self.hole_section.set_locked(state.is_active)
+        self._allow_known_vertices()
         shows_resume = state is RunnerState.PAUSED
         shows_proceed = controls.proceed
+        # What can be continued cannot be stopped; the room is for the step to continue to.
+        self._buttons["stop"].setVisible(not shows_proceed or state.is_active)
         self._buttons["resume"].setVisible(shows_resume)
         self._buttons["proceed"].setVisible(shows_proceed and not shows_resume)
         self._buttons["pause"].setVisible(not shows_resume and not shows_proceed)
 
     def set_status(self, status: Status) -> None:
         """Tell how far the training is."""
-        state, step, total = status.state, status.step, status.total
+        state, step = status.state, status.step
+        at_rest = status.run_state == "rest" and not state.is_active
+        total = step if at_rest else status.total
         busy = state is RunnerState.PREPARING
         self._bar.setRange(0, 0 if busy else max(1, total))
         if not busy:
             self._bar.setValue(min(step, total))
         self._bar.setVisible(busy or total > 0)
-        self._count.setText("" if busy or not total else f"{step:,} / {total:,}")
+        self._count.setText("" if busy or not total else f"{step:,} steps" if at_rest else f"{step:,} / {total:,}")
         self._state_text.setText(_STATE_TEXTS.get(state) or _RUN_TEXTS.get(status.run_state, "Ready"))
+        self._state_text.setToolTip(_REST_TIP if at_rest else "")
         details = []
         if state is RunnerState.RUNNING and status.speed > 0:
             details.append(f"{status.speed:.1f} steps/s" if status.speed < 100 else f"{status.speed:.0f} steps/s")
@@ -199,6 +251,7 @@ class RunPanel(QWidget):
     def set_theme(self, theme: Theme) -> None:
         """Take the colours of a theme."""
         self._advanced.set_theme(theme)
+        self.hole_section.set_theme(theme)
         for widget, color in (
             (self._details, theme.subtle),
             (self._problem_text, "#b42318" if not theme.is_dark else "#ff9b94"),
@@ -230,11 +283,17 @@ class RunPanel(QWidget):
         # With a single task there is nothing to choose; a box with one entry would be a dead control.
         if len(tasks) > 1:
             self._add(form, "task", make_editor("task", tuple((task, _TASK_TEXTS.get(task, task)) for task in tasks)))
-            self._editors["task"].edited.connect(self._on_preset_chosen)
+            self._editors["task"].edited.connect(self._on_task_chosen)
             self._editors["task"].edited.connect(self.taskChosen)
         presets = tuple((name, _PRESET_TEXTS.get(name, name.capitalize())) for name in choices("preset"))
         self._add(form, "preset", make_editor("preset", presets))
         self._editors["preset"].edited.connect(self._on_preset_chosen)
+        hole_form = _form()
+        hole_form.setContentsMargins(0, 0, 0, 0)
+        for name in HOLE_SETTINGS:
+            self._add(hole_form, name, make_editor(name, tuple(_KNOWN_TEXTS.items()) if name == "known_vertices" else None))
+        self.hole_section = HoleSection(hole_form)
+        self.hole_section.denoiseTooChosen.connect(self._on_denoise_too_chosen)
         device_options = tuple(_DEVICE_TEXTS.items()) + devices
         for name in _PLAIN:
             self._add(form, name, make_editor(name, device_options if name == "device" else None))
@@ -243,20 +302,21 @@ class RunPanel(QWidget):
         advanced_form.setContentsMargins(0, 0, 0, 0)
         advanced.setLayout(advanced_form)
         self._advanced_form = advanced_form
-        for name in advanced_names():
+        for name in _folded_names():
             self._add(advanced_form, name, make_editor(name))
         for name, editor in self._editors.items():
             if name not in ("task", "preset"):
                 editor.edited.connect(self._on_edited)
         self._advanced = Collapsible("Advanced", advanced)
         self._reset = QPushButton("Back to the preset's values")
-        self._reset.clicked.connect(self._on_preset_chosen)
+        self._reset.clicked.connect(self._on_reset_clicked)
         self._align_labels()
         layout = QVBoxLayout(content)
         layout.setContentsMargins(12, 10, 12, 8)
         layout.setSpacing(8)
         layout.addWidget(heading)
         layout.addLayout(form)
+        layout.addWidget(self.hole_section)
         layout.addWidget(self._advanced)
         layout.addWidget(self._reset)
         layout.addStretch(1)
@@ -341,7 +401,10 @@ _STATE_TEXTS = {
     RunnerState.STOPPING: "Stopping…",
     RunnerState.FAILED: "Failed",
 }
-_RUN_TEXTS = {"finished": "Finished", "stopped": "Stopped", "interrupted": "Interrupted", "failed": "Failed"}
+_RUN_TEXTS = {"finished": "Finished", "stopped": "Stopped", "interrupted": "Interrupted", "failed": "Failed", "rest": "At rest"}
+
+_KEEPS_TIP = "Completion by made-up holes leaves known vertices where they are. Other presets can predict them."
+_REST_TIP = "The inserted vertices hardly moved any more, so the training ended before its last step."
 
 
 def duration(seconds: float) -> str:
@@ -364,6 +427,11 @@ def _form() -> QFormLayout:
     form.setHorizontalSpacing(12)
     form.setVerticalSpacing(6)
     return form
+
+
+def _folded_names() -> list[str]:
+    """Return the settings under "Advanced"."""
+    return [name for name in advanced_names() if name not in HOLE_SETTINGS]
 
 
 def _in_panel_words(text: str) -> str:

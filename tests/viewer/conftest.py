@@ -17,6 +17,7 @@ from dmp.mesh import TriangleMesh
 from dmp.meshio import write_mesh
 from dmp.problem import Problem, denoising
 from dmp.settings import Settings, settings_for
+from dmp.shapes.alterations import with_holes
 from dmp.snapshot import Snapshot, StepRecord
 from dmp_viewer import startup
 from dmp_viewer.app import make_application
@@ -25,6 +26,7 @@ from dmp_viewer.settings import Preferences
 from dmp_viewer.tasks import TASKS
 from dmp_viewer.views import dialogs
 from dmp_viewer.views.main_window import MainWindow
+from tests.meshes import grid_mesh
 
 
 @pytest.fixture(scope="session")
@@ -184,3 +186,21 @@ def image_format() -> object:
     from qtpy.QtGui import QImage
 
     return QImage.Format.Format_RGB888
+
+
+@pytest.fixture
+def sheet_file(tmp_path: Path) -> Path:
+    """An open sheet with three holes of different sizes."""
+    sheet = with_holes(grid_mesh(24), [(6.0, 6.0, 0.0), (17.0, 6.0, 0.0), (12.0, 17.0, 0.0)], [21, 9, 4])
+    write_mesh(tmp_path / "sheet.ply", sheet)
+    return tmp_path / "sheet.ply"
+
+
+@pytest.fixture
+def sheet(viewer: Controller, sheet_file: Path) -> Controller:
+    """A window with the sheet, about to fill its holes."""
+    viewer.window.panel.set_settings(quick_settings(task="complete", hold_out=0.0))
+    viewer.opener.open_path(sheet_file)
+    assert viewer.background.wait(30)
+    viewer.presenter.flush()
+    return viewer

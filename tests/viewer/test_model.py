@@ -97,7 +97,7 @@ def test_a_run_can_be_continued_until_its_last_step(
     train(workspace, fake_run, step)
     fake_run.state = state
     workspace.set_state(RunnerState.FINISHED)
-    assert workspace.can_continue is expected
+    assert (workspace.continue_until is not None) is expected
     assert workspace.controls.proceed is expected
 
 

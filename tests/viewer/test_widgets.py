@@ -188,7 +188,7 @@ def test_nothing_in_the_panel_is_cut(panel: RunPanel, qtbot: QtBot) -> None:
         (RunnerState.IDLE, Controls(start=True), {"start", "pause", "stop"}),
         (RunnerState.RUNNING, Controls(pause=True, stop=True), {"start", "pause", "stop"}),
         (RunnerState.PAUSED, Controls(resume=True, stop=True), {"start", "resume", "stop"}),
-        (RunnerState.FINISHED, Controls(start=True, proceed=True), {"start", "proceed", "stop"}),
+        (RunnerState.FINISHED, Controls(start=True, proceed=True), {"start", "proceed"}),
     ],
 )
 def test_the_buttons_in_sight(panel: RunPanel, state: RunnerState, controls: Controls, visible: set[str]) -> None:

@@ -11,13 +11,12 @@ import pytest
 from pytestqt.qtbot import QtBot
 from qtpy.QtCore import QMimeData, QPoint, QPointF, Qt, QUrl
 from qtpy.QtGui import QDragEnterEvent, QDropEvent
-from qtpy.QtWidgets import QApplication, QComboBox
+from qtpy.QtWidgets import QApplication
 
 from dmp.mesh import TriangleMesh
 from dmp.meshio import read_mesh, write_mesh
 from dmp.problem import Problem
 from dmp.runs import Run, is_run_folder
-from dmp.shapes.alterations import with_holes
 from dmp_viewer.controller import Controller
 from dmp_viewer.model import Source
 from dmp_viewer.runner import Session
@@ -26,7 +25,6 @@ from dmp_viewer.states import RunnerState
 from dmp_viewer.tasks import OpenedRun
 from dmp_viewer.views import dialogs
 from dmp_viewer.views.mesh_panes import INPUT, PREDICTED, SMOOTHED
-from tests.meshes import grid_mesh, sphere_mesh
 from tests.viewer.conftest import FakeRun, pane_pixels, quick_settings
 
 MakeViewer = Callable[..., Controller]
@@ -198,82 +196,6 @@ def test_a_training_that_does_not_answer_can_be_left_behind(
     assert viewer.window.close()
     assert questions == ["The training does not answer. Leave it behind?"]
     hang.set()
-
-
-# -- completion -------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def holed_files(tmp_path: Path) -> tuple[Path, Path]:
-    """A sphere with a hole around its top, and the whole sphere."""
-    whole = sphere_mesh(3)
-    write_mesh(tmp_path / "holed.ply", with_holes(whole, [(0.0, 0.0, 1.0)], [12]))
-    write_mesh(tmp_path / "whole.ply", whole)
-    return tmp_path / "holed.ply", tmp_path / "whole.ply"
-
-
-def test_holes_are_filled_learnt_and_reopened(make_viewer: MakeViewer, qtbot: QtBot, holed_files: tuple[Path, Path]) -> None:
-    viewer = make_viewer()
-    window = viewer.window
-    open_files(viewer, *holed_files[:1])
-    n_open = viewer.workspace.problem.mesh.n_vertices  # type: ignore[union-attr]
-    choose_task(viewer, "complete")
-    assert viewer.background.wait(30)
-    viewer.presenter.flush()
-    problem = viewer.workspace.problem
-    assert problem is not None
-    assert problem.mesh.n_vertices > n_open
-    assert len(window.banners.texts()) == 1  # what was filled
-    window.panel.set_settings(quick_settings(task="complete", hold_out=0.0))
-    trigger(viewer, "start")
-    wait_until_trained(viewer, qtbot)
-    run = viewer.workspace.run
-    assert isinstance(run, Run)
-    assert "inserted_movement" in viewer.workspace.curve.names()
-    assert run.mesh_at(30).n_vertices == problem.mesh.n_vertices
-
-    again = make_viewer()
-    open_files(again, run.folder)
-    assert again.workspace.source is not None
-    assert again.workspace.source.mesh.n_vertices == n_open
-    assert again.window.panel.settings().task == "complete"
-    again.opener.open_ground_truth(holed_files[1])
-    assert again.background.wait(20)
-    again.presenter.flush()
-
-
-def test_the_input_pane_shows_the_hole_and_the_others_its_filling(viewer: Controller, tmp_path: Path) -> None:
-    write_mesh(tmp_path / "sheet.ply", with_holes(grid_mesh(15), [(7.0, 7.0, 0.0)], [21]))
-    open_files(viewer, tmp_path / "sheet.ply")
-    choose_task(viewer, "complete")
-    assert viewer.background.wait(30)
-    trigger(viewer, "plain")
-
-    def middle_is_covered(pane: int) -> bool:
-        picture = pane_pixels(viewer, pane).astype(int)
-        row, column = picture.shape[0] // 2, picture.shape[1] // 2
-        return bool(np.abs(picture[row, column] - picture[row, 1]).max() > 6)
-
-    assert [middle_is_covered(pane) for pane in (INPUT, SMOOTHED)] == [False, True]
-
-
-def test_a_mesh_without_holes_gets_a_sentence_not_an_error(viewer: Controller, mesh_files: tuple[Path, Path]) -> None:
-    open_files(viewer, mesh_files[0])
-    choose_task(viewer, "complete")
-    assert viewer.background.wait(20)
-    (banner,) = viewer.window.banners.banners()
-    assert banner.message.kind == "info"
-    assert "no holes" in banner.message.text
-    assert viewer.workspace.problem is not None
-
-
-def choose_task(viewer: Controller, task: str) -> None:
-    """Choose a task in the panel."""
-    box = viewer.window.panel.editor("task")
-    assert isinstance(box, QComboBox)
-    box.setCurrentIndex(box.findData(task))
-    box.activated.emit(box.currentIndex())
-    assert viewer.window.panel.settings().task == task
 
 
 # -- what is shown ----------------------------------------------------------------------------------------------------
