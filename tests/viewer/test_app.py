@@ -42,7 +42,7 @@ def test_a_picture_of_a_step_is_taken_in_the_real_window(tmp_path: Path, mesh_fi
     noisy, clean = mesh_files
     picture = tmp_path / "out.png"
     result = start(
-        noisy, "--ground-truth", clean, "--start", "--steps", 20, "--snapshot-every", 10, "--seed", 3,
+        noisy, "--ground-truth", clean, "--start", "--steps", 2000, "--snapshot-every", 10, "--seed", 3,
         "--screenshot", picture, "--at-step", 10, "--size", "1280x800", "--theme", "dark",
     )  # fmt: skip
     assert (result.returncode, result.stderr) == (0, "")
