@@ -19,6 +19,7 @@ from rich.console import Console
 from dmp import __version__
 from dmp.errors import DmpError, MeshFileError
 from dmp.settings import DENOISE_TOO, SETTING_FIELDS, Settings, choices, settings_for
+from dmp.waiting import wait_without_spinning
 
 if TYPE_CHECKING:
     from dmp.mesh import TriangleMesh
@@ -383,6 +384,7 @@ def _given(options: Any) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave the process with its exit code."""
+    wait_without_spinning()
     try:
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()

@@ -36,6 +36,7 @@ class PictureJob(QObject):
         self._at_step = at_step
         self._expects_mesh = False
         self._decided = False
+        self._failed = False
         self.exit_code = 2
 
     def begin(self, *, expects_mesh: bool) -> None:
@@ -77,15 +78,18 @@ class PictureJob(QObject):
         self._controller.presenter.flush()
         picture = self._controller.exporter.picture()
         if picture.save(str(self._path)):
-            self.exit_code = 0
+            # An error told while the last things were drawn is in the picture, and still an error.
+            self.exit_code = 2 if self._failed else 0
         else:
             print(f"dmp-viewer: {self._path}: the picture cannot be written. Name a file ending in .png.", file=sys.stderr)
         self._leave()
 
     def _fail(self, text: str) -> None:
+        if not self._failed:
+            print(f"dmp-viewer: {text}", file=sys.stderr)
+        self._failed = True
         if not self._decided:
             self._decided = True
-            print(f"dmp-viewer: {text}", file=sys.stderr)
             self._leave()
 
     def _leave(self) -> None:

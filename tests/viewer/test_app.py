@@ -93,6 +93,26 @@ def test_a_mesh_that_cannot_be_read_is_told(
     assert str(bad) in told
 
 
+def test_an_error_while_the_picture_is_drawn_is_told_and_no_success(
+    viewer: Controller,
+    qtbot: QtBot,
+    tmp_path: Path,
+    small_run: Run,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    flush = viewer.presenter.flush
+
+    def flush_with_a_fault() -> None:
+        viewer.tell_error(RuntimeError("a pane cannot be drawn"))
+        flush()
+
+    monkeypatch.setattr(viewer.presenter, "flush", flush_with_a_fault)
+    assert take_picture(viewer, qtbot, small_run.folder, tmp_path / "out.png", 2) == 2
+    assert "a pane cannot be drawn" in capsys.readouterr().err
+    assert (tmp_path / "out.png").exists()
+
+
 def test_the_check_tells_what_a_bug_report_needs() -> None:
     result = start("--check")
     assert result.returncode == 0
