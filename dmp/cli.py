@@ -17,7 +17,7 @@ from cyclopts import App, Parameter
 from rich.console import Console
 
 from dmp import __version__
-from dmp.errors import DmpError, MeshFileError
+from dmp.errors import DmpError, MeshFileError, SettingsError
 from dmp.settings import DENOISE_TOO, SETTING_FIELDS, Settings, choices, settings_for
 from dmp.waiting import wait_without_spinning
 
@@ -44,7 +44,8 @@ def _setting_options() -> Any:
         kind = Settings.__annotations__[name]
         allowed = _choices_hint(name, kind)
         default = hints[name].default
-        help_text = item.metadata["help"] + ("" if name == "preset" else f" [compact: {default}]")
+        also = " Without one: compact for denoise, best for complete." if name == "preset" else f" [compact: {default}]"
+        help_text = item.metadata["help"] + also
         options.append((name, Optional[allowed], field(default=None, metadata={"help": help_text})))  # noqa: UP045
     # Named after this module: cyclopts takes a class of another module called "types" for a built-in one.
     made = make_dataclass("SettingOptions", options, kw_only=True, namespace={"__module__": __name__})
@@ -114,7 +115,10 @@ def denoise(
     verbose: Verbose = False,
 ) -> int:
     """Remove the noise from a mesh: train on it, and save the prediction of one step."""
-    settings = settings_for("denoise", **_given(options))
+    given = _given(options)
+    settings = settings_for("denoise", **given)
+    if settings.method != "prior" and given.get("hold_out"):
+        raise SettingsError("--hold-out has no effect on --preset best, which needs no held-out vertices. Leave it out.")
     return _restore(
         mesh,
         settings,
@@ -150,6 +154,8 @@ def complete(
     from dmp.meshio import write_mesh
 
     given = _given(options)
+    if denoise_too and given.get("preset", "compact") == "best":
+        raise SettingsError("--denoise cannot be combined with --preset best, which leaves known vertices where they are.")
     settings = settings_for("complete", **({**DENOISE_TOO, **given} if denoise_too else given))
     try:
         return _restore(
@@ -164,6 +170,12 @@ def complete(
             verbose=verbose,
         )
     except NoHolesError as error:
+        if denoise_too:
+            _say(f"{mesh}: {error} Its noise is removed.", quiet)
+            return _restore(
+                mesh, settings_for("denoise", **given), output=output, ground_truth=ground_truth, keep=keep, run=run,
+                report=report, quiet=quiet, verbose=verbose,
+            )  # fmt: skip
         write_mesh(output, _load(mesh, quiet=True))
         _say(f"{mesh}: {error} It was written to {output} as it is.", quiet)
         return EXIT_DONE
@@ -187,12 +199,18 @@ def _restore(
 
     check_keep(keep, settings, has_truth=ground_truth is not None)
     _check_output(output)
+    for source in (mesh, ground_truth):
+        if source is not None and output.exists() and source.exists() and output.samefile(source):
+            raise MeshFileError(output, "this is the file that is read", "Name another one, so that it stays as it is.")
+    if report is not None and not report.absolute().parent.is_dir():
+        raise SettingsError(f"--report {report}: the folder {report.parent} does not exist.")
     damaged = _load(mesh, quiet)
     truth = None if ground_truth is None else _load(ground_truth, quiet)
     problem = problem_for(damaged, settings, truth)
     for note in problem.notes:
         _say(note, quiet)
     made = Run.create(problem, settings, folder=run, input_path=mesh, ground_truth_path=ground_truth)
+    _say(f"Run: {made.folder}", quiet)
     finished = train_into(made, quiet=quiet, verbose=verbose)
     return save_result(made, finished, keep=keep, output=output, report=report, quiet=quiet)
 
@@ -213,7 +231,7 @@ def resume(
     from dmp.cli_training import check_keep, save_result, train_into
     from dmp.runs import Run
 
-    opened = Run.open(run)
+    opened = Run.open(_run_folder(run))
     check_keep(keep, opened.settings, has_truth=opened.problem().ground_truth is not None, last_step=steps)
     if output is not None:
         _check_output(output)
@@ -237,7 +255,7 @@ def export(
     from dmp.meshio import write_mesh
     from dmp.runs import Run
 
-    opened = Run.open(run)
+    opened = Run.open(_run_folder(run))
     chosen = choose_step(opened, step or ("kept" if opened.kept_step is not None else "suggested"))
     notes = write_mesh(output, opened.mesh_at(chosen))
     _say(" ".join((f"Step {chosen} written to {output}.", *notes)), quiet)
@@ -263,11 +281,15 @@ def runs(*, folder: Annotated[Path | None, Parameter(help="Another folder of run
     if not found:
         _say(f"There are no runs in {folder or default_runs_folder()}.")
         return EXIT_DONE
-    table = Table("run", "state", "step", "kept", "folder", box=None)
+    table = Table("run", "state", "step", "kept", box=None)
     for run in found:
         kept = "" if run.kept_step is None else str(run.kept_step)
-        table.add_row(run.name, run.state, f"{run.last_step} of {run.settings.steps}", kept, str(run.folder))
-    Console().print(table)
+        table.add_row(run.folder.name, run.state, f"{run.last_step} of {run.settings.steps}", kept)
+    console = Console()
+    # A name that is cut off cannot be typed again, so the width follows the names.
+    console.width = max(console.width, 60 + max(len(run.folder.name) for run in found))
+    console.print(table)
+    print(f"\nin {found[0].folder.parent}; 'dmp resume' and 'dmp export' take these names too.")
     return EXIT_DONE
 
 
@@ -375,6 +397,14 @@ def benchmark(
     values = compare_steps(loaded, width_divisor=width_divisor, rounds=rounds, threads=threads)
     print(json_module.dumps(values, indent=2) if json else comparison_text(values))
     return EXIT_DONE
+
+
+def _run_folder(named: Path) -> Path:
+    """Return the folder itself, or the one of that name among the runs in the user's data folder."""
+    from dmp.runs import default_runs_folder, is_run_folder
+
+    among_runs = default_runs_folder() / named
+    return among_runs if not named.exists() and is_run_folder(among_runs) else named
 
 
 def _given(options: Any) -> dict[str, Any]:

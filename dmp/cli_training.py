@@ -131,8 +131,10 @@ def save_result(run: Run, finished: bool, *, keep: str, output: Path | None, rep
         notes = write_mesh(output, run.mesh_at(step))
         reason = f" {suggestion.reason}" if suggestion and keep == "auto" else ""
         console.print(" ".join((f"Step {step} written to {output}.{reason}", *notes)), markup=False)
+    if output is None:
+        console.print(f"Save it with 'dmp export {run.folder} -o FILE'.", markup=False)
     if measured := _measures(run.snapshot(step).metrics):
-        console.print(f"Result: {measured}")
+        console.print(f"Result at step {step}: {measured}")
     return _EXIT_DONE
 
 
@@ -179,7 +181,8 @@ def _with_progress(records: Iterator[StepRecord], first: int, last: int, console
         every = max(1, last // 10)
         for item in records:
             if item.step and (item.step % every == 0 or item.step == last):
-                console.print(f"step {item.step} of {last}, {item.seconds:.1f} s, {_headline(item)}")
+                told = (f"step {item.step} of {last}", f"{item.seconds:.1f} s", _headline(item))
+                console.print(", ".join(text for text in told if text))
             yield item
         return
     columns = (

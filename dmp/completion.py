@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dmp.boundary import BoundaryLoop
-from dmp.errors import NoHolesError
+from dmp.errors import NoHolesError, SettingsError
 from dmp.holes import fill_holes
 from dmp.mesh import TriangleMesh
 from dmp.problem import Problem, check_trainable, denoising
@@ -34,7 +34,10 @@ def completion(
     Raises:
         NoHolesError: when nothing was filled; the text says why.
         MeshError: when the mesh cannot be trained on.
+        SettingsError: when the settings are for another task.
     """
+    if settings.task != "complete":
+        raise SettingsError("These settings are for denoising. Make them with settings_for('complete').")
     check_trainable(mesh)
     filled = fill_holes(mesh, loops, settings.max_hole_edges or None)
     if not filled.patches:

@@ -324,9 +324,7 @@ class Run:
         if (self.folder / "checkpoint.pt").exists():
             training.load_state(read_checkpoint(self.folder / "checkpoint.pt"))
         if training.step >= self.settings.steps:
-            raise RunError(
-                f"The run has reached its {self.settings.steps} steps already. Give a higher number of steps to go on."
-            )
+            raise RunError(f"The run has reached step {training.step} already. To go on, give a higher number with --steps.")
         if training.is_done:
             raise RunError("The run has come to rest already: its inserted vertices hardly move any more.")
         return training

@@ -36,10 +36,14 @@ def suggest(curve: Sequence[Mapping[str, float]], steps: Sequence[int]) -> Sugge
     candidates = [step for step in steps if step > 0]
     if not candidates:
         return Suggestion(steps[-1], "Nothing has been learnt yet.") if steps else None
+    if any("position_loss" in row or "made_up_error" in row for row in curve):
+        return Suggestion(candidates[-1], "The last step: this method does not overfit, so there is no step to choose.")
     if any("inserted_movement" in row for row in curve) and not any("held_out_error" in row for row in curve):
         return Suggestion(candidates[-1], "The last step: a completion only gets better until its inserted vertices rest.")
     points = [(row["step"], row["held_out_error"]) for row in curve if row["step"] > 0 and "held_out_error" in row]
-    if len(points) < 5:
+    if 0 < len(points) < 5:
+        return Suggestion(candidates[-1], "The last step: so few steps give nothing to judge by.")
+    if not points:
         return Suggestion(candidates[-1], "The last step, because no vertices were held out to judge by.")
     where, error = np.array(points).T
     half = max(1, round(_WINDOW_SHARE * len(points) / 2))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from qtpy.QtCore import QByteArray, QEvent, QObject, Qt, Signal
+from qtpy.QtCore import QByteArray, QEvent, QObject, QSize, Qt, Signal
 from qtpy.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QKeyEvent
 from qtpy.QtWidgets import (
     QAbstractButton,
@@ -62,7 +62,10 @@ class MainWindow(QMainWindow):
         self.setWindowTitle("dmp-viewer")
         self.setAcceptDrops(True)
         self.setMinimumSize(720, 520)
-        self.resize(1400, 880)
+        screen = QGuiApplication.primaryScreen()
+        available = screen.availableSize() if screen is not None else QSize(1400, 880)
+        # Never larger than the screen: what hangs over its edge cannot be reached.
+        self.resize(QSize(1400, 880).boundedTo(available))
         # Asked before the window closes; the controller ends the training in it.
         self.close_guard: Callable[[], bool] = lambda: True
         self.named_actions = build(self, {spec.name: partial(self.actionTriggered.emit, spec.name) for spec in ACTIONS})

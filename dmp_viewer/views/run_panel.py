@@ -32,7 +32,7 @@ from dmp_viewer.views.collapsible import Collapsible
 from dmp_viewer.views.hole_section import HOLE_SETTINGS, HoleSection, is_denoising_too
 from dmp_viewer.views.setting_editors import Editor, NumberEditor, advanced_names, label, make_editor, matters_to
 
-_PRESET_TEXTS = {"compact": "Compact", "paper": "Paper", "best": "Best"}
+_PRESET_TEXTS = {"compact": "Compact", "paper": "Paper", "best": "Best result"}
 _TASK_TEXTS = {"denoise": "Remove noise", "complete": "Fill holes"}
 _DEVICE_TEXTS = {"auto": "Automatic", "cpu": "Processor (CPU)"}
 _KNOWN_TEXTS = {"keep": "Keep exactly", "predict": "Take the prediction"}

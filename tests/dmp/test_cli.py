@@ -144,3 +144,38 @@ def test_threads_sleep_while_they_wait_unless_told_otherwise(said: str | None, p
         env=surroundings | ({"OMP_WAIT_POLICY": said} if said else {}),
     )  # fmt: skip
     assert done.stdout.split()[-1] == policy
+
+
+def test_runs_are_listed_by_names_that_resume_and_export_take(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run("denoise", files / "noisy.ply", "-o", files / "out.ply", *FAST) == 0
+    (folder,) = (path for path in Path(os.environ["XDG_DATA_HOME"]).rglob("run.json"))
+    assert str(folder.parent) in capsys.readouterr().err
+    assert _run("runs") == 0
+    assert folder.parent.name in capsys.readouterr().out
+    assert _run("export", folder.parent.name, "-o", files / "again.ply") == 0
+    assert read_mesh(files / "again.ply").n_vertices == 258
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["denoise", "noisy.ply", "-o", "noisy.ply"], "is read"),
+        (["denoise", "noisy.ply", "-o", "x.ply", "--preset", "best", "--hold-out", "0.1"], "--hold-out"),
+        (["complete", "noisy.ply", "-o", "x.ply", "--denoise", "--preset", "best"], "--denoise"),
+        (["denoise", "noisy.ply", "-o", "x.ply", "--report", "no/such/r.json"], "--report"),
+    ],
+)
+def test_what_could_not_be_meant_is_refused_at_once(
+    files: Path, arguments: list[str], words: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(files)
+    before = (files / "noisy.ply").read_bytes()
+    assert _run(*arguments) == 2
+    assert words in capsys.readouterr().err
+    assert (files / "noisy.ply").read_bytes() == before
+
+
+def test_denoising_is_done_even_when_there_is_no_hole(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run("complete", files / "noisy.ply", "-o", files / "out.ply", "--denoise", *FAST) == 0
+    assert "Its noise is removed" in capsys.readouterr().err
+    assert (read_mesh(files / "out.ply").vertices != read_mesh(files / "noisy.ply").vertices).any()

@@ -30,3 +30,12 @@ def test_without_held_out_vertices_the_last_step_is_suggested() -> None:
     assert suggestion is not None
     assert suggestion.step == 50
     assert suggest([], []) is None
+
+
+def test_reasons_fit_the_method_and_the_length_of_the_run() -> None:
+    short = suggest([{"step": 1, "held_out_error": 0.5}], [0, 1])
+    assert short is not None
+    assert "so few steps" in short.reason
+    other = suggest([{"step": 10, "position_loss": 0.5}], [0, 10])
+    assert other is not None
+    assert "does not overfit" in other.reason
