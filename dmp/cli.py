@@ -298,12 +298,15 @@ def metrics(mesh: MeshPath, reference: MeshPath, /, *, json: AsJson = False) -> 
     """Compare a mesh with its ground truth: angle between the normals, distance of the vertices.
 
     The reference is brought to the scale and place of the mesh first, without rotation; the angles don't depend on that.
+    Where the two have other faces, as after a completion, the distance between their surfaces is measured as they lie.
     """
     from dmp.geometry import face_areas
     from dmp.metrics import GroundTruth, angular_differences
 
-    left = _load(mesh, quiet=json)
-    truth = GroundTruth.for_input(_load(reference, quiet=json), left)
+    left, right = _load(mesh, quiet=json), _load(reference, quiet=json)
+    if not left.same_connectivity(right):
+        return _surface_metrics(left, right, as_json=json)
+    truth = GroundTruth.for_input(right, left)
     angles = angular_differences(left.vertices, truth.normals, left.faces)
     areas = face_areas(truth.mesh.vertices, truth.mesh.faces)
     values = {
@@ -319,6 +322,32 @@ def metrics(mesh: MeshPath, reference: MeshPath, /, *, json: AsJson = False) -> 
         print(f"mean angular difference  {values['mad']:.3f} degrees ({values['mad_area_weighted']:.3f} weighted by area)")
         print(f"mean vertex distance     {values['vertex_error']:.4f} mean edge lengths (of {truth.edge_length:.6g})")
         print(f"after bringing the reference to scale {truth.alignment.scale:.6g} and moving it")
+    return EXIT_DONE
+
+
+def _surface_metrics(mesh: TriangleMesh, reference: TriangleMesh, *, as_json: bool) -> int:
+    from dmp.geometry import mean_edge_length
+    from dmp.surface_distance import distance_to_surface
+    from dmp.topology import unique_edges
+
+    edge_length = mean_edge_length(reference.vertices, unique_edges(reference.faces))
+    there = distance_to_surface(mesh.vertices, reference) / edge_length
+    back = distance_to_surface(reference.vertices, mesh) / edge_length
+    values = {
+        "surface_distance": float(there.mean()),
+        "surface_distance_max": float(there.max()),
+        "surface_distance_back": float(back.mean()),
+        "surface_distance_back_max": float(back.max()),
+        "mean_edge_length": edge_length,
+    }
+    if as_json:
+        print(json_module.dumps(values, indent=2))
+        return EXIT_DONE
+    print("the meshes have other faces, so the distances of vertices to the other surface are measured, as the meshes lie:")
+    for name, distances in (("mesh to reference", there), ("reference to mesh", back)):
+        print(
+            f"{name}  {distances.mean():.4f} mean edge lengths (at most {distances.max():.3f}; edge length {edge_length:.6g})"
+        )
     return EXIT_DONE
 
 

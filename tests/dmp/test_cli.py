@@ -11,9 +11,11 @@ from pathlib import Path
 import pytest
 
 from dmp.cli import main
+from dmp.geometry import mean_edge_length
 from dmp.mesh import TriangleMesh
 from dmp.meshio import read_mesh, write_mesh
 from dmp.runs import Run
+from dmp.topology import unique_edges
 
 FAST = ["--steps", "20", "--snapshot-every", "10", "--threads", "1"]
 
@@ -179,3 +181,17 @@ def test_denoising_is_done_even_when_there_is_no_hole(files: Path, capsys: pytes
     assert _run("complete", files / "noisy.ply", "-o", files / "out.ply", "--denoise", *FAST) == 0
     assert "Its noise is removed" in capsys.readouterr().err
     assert (read_mesh(files / "out.ply").vertices != read_mesh(files / "noisy.ply").vertices).any()
+
+
+def test_meshes_with_other_faces_are_measured_by_their_surfaces(
+    files: Path, sphere: TriangleMesh, capsys: pytest.CaptureFixture[str]
+) -> None:
+    edge_length = mean_edge_length(sphere.vertices, unique_edges(sphere.faces))
+    turned = TriangleMesh(sphere.vertices * (1 + 0.5 * edge_length), sphere.faces[::-1])
+    write_mesh(files / "larger.ply", turned)
+    assert _run("metrics", files / "larger.ply", files / "truth.obj", "--json") == 0
+    values = json.loads(capsys.readouterr().out)
+    assert values["surface_distance"] == pytest.approx(0.5, rel=0.02)
+    assert values["surface_distance_back"] == pytest.approx(0.5, rel=0.1)
+    assert _run("metrics", files / "larger.ply", files / "truth.obj") == 0
+    assert "mesh to reference" in capsys.readouterr().out
