@@ -19,7 +19,7 @@ from rich.console import Console
 from dmp import __version__
 from dmp.errors import DmpError, MeshFileError, SettingsError
 from dmp.settings import DENOISE_TOO, SETTING_FIELDS, Settings, choices, settings_for
-from dmp.waiting import wait_without_spinning
+from dmp.waiting import spin_only_briefly
 
 if TYPE_CHECKING:
     from dmp.mesh import TriangleMesh
@@ -443,7 +443,7 @@ def _given(options: Any) -> dict[str, Any]:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave the process with its exit code."""
-    wait_without_spinning()
+    spin_only_briefly()
     try:
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
         sys.stdout.flush()

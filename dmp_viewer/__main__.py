@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from dmp.waiting import wait_without_spinning
+from dmp.waiting import spin_only_briefly
 from dmp_viewer.arguments import parse
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the application and return its exit code: 0 done, 1 our fault, 2 unusable input or surroundings."""
     arguments = parse(argv)
-    wait_without_spinning()
+    spin_only_briefly()
     from dmp_viewer.app import run
 
     return run(arguments)

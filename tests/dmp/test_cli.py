@@ -133,19 +133,19 @@ def test_help_is_quick_because_nothing_heavy_is_imported() -> None:
     assert "--laplacian-weight" in done.stdout
 
 
-@pytest.mark.parametrize(("said", "policy"), [(None, "PASSIVE"), ("ACTIVE", "ACTIVE")])
-def test_threads_sleep_while_they_wait_unless_told_otherwise(said: str | None, policy: str) -> None:
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [({}, "30000"), ({"GOMP_SPINCOUNT": "7"}, "7"), ({"OMP_WAIT_POLICY": "ACTIVE"}, "None")],
+)
+def test_threads_spin_only_briefly_unless_told_otherwise(said: dict[str, str], expected: str) -> None:
     code = (
         "import os\n"
         "try:\n    from dmp.cli import main; main(['--version'])\n"
-        "except SystemExit: print(os.environ['OMP_WAIT_POLICY'])"
+        "except SystemExit: print(os.environ.get('GOMP_SPINCOUNT'))"
     )
-    surroundings = {name: value for name, value in os.environ.items() if name != "OMP_WAIT_POLICY"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True,
-        env=surroundings | ({"OMP_WAIT_POLICY": said} if said else {}),
-    )  # fmt: skip
-    assert done.stdout.split()[-1] == policy
+    kept = {name: value for name, value in os.environ.items() if name not in ("OMP_WAIT_POLICY", "GOMP_SPINCOUNT")}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=kept | said)
+    assert done.stdout.split()[-1] == expected
 
 
 def test_runs_are_listed_by_names_that_resume_and_export_take(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
