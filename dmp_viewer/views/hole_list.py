@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from qtpy.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
+from qtpy.QtCore import QAbstractTableModel, QItemSelectionModel, QModelIndex, QPersistentModelIndex, Qt, Signal
 from qtpy.QtGui import QColor, QKeyEvent, QPalette
 from qtpy.QtWidgets import (
     QAbstractItemView,
@@ -171,6 +171,10 @@ class HoleList(QWidget):
         head.addWidget(self.none_button)
         self.table = _Table(self)
         self.table.setModel(self._model)
+        # One that is held here: table.selectionModel() once gave something without its signals, rarely and late in a long
+        # test run.
+        self._selection = QItemSelectionModel(self._model, self)
+        self.table.setSelectionModel(self._selection)
         self._boxes = _Boxes(self.table)
         self.table.setItemDelegate(self._boxes)
         self.table.setRootIsDecorated(False)
@@ -191,7 +195,7 @@ class HoleList(QWidget):
             header.resizeSection(column, metrics.horizontalAdvance(widest) + 16 + box)
         header.setStretchLastSection(True)
         self.table.clicked.connect(self._on_clicked)
-        self.table.selectionModel().currentRowChanged.connect(self._on_row_changed)
+        self._selection.currentRowChanged.connect(self._on_row_changed)
         self._details = QLabel(self)
         self._details.setWordWrap(True)
         self._details.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
