@@ -3,70 +3,62 @@
 from __future__ import annotations
 
 import json as json_module
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
 from dmp.commands.common import EXIT_DONE, check_output, load, say
 from dmp.commands.options import AsJson, MeshPath, OutPath, Quiet
-from dmp.mesh import TriangleMesh
+from dmp.errors import SettingsError
 
 
 def metrics(mesh: MeshPath, reference: MeshPath, /, *, json: AsJson = False) -> int:
-    """Compare a mesh with its ground truth: angle between the normals, distance of the vertices.
+    """Compare a mesh with its ground truth: angles between the normals, distances of the vertices and of the surfaces.
 
     The reference is brought to the scale and place of the mesh first, without rotation; the angles don't depend on that.
-    Where the two have other faces, as after a completion, the distance between their surfaces is measured as they lie.
+    Where the two have other faces, as after a completion, only their surfaces are compared, as they lie. Distances are in
+    mean edge lengths of the reference; the Hausdorff distance is the largest from a vertex of one to the other's surface.
     """
-    from dmp.geometry import face_areas
-    from dmp.metrics import GroundTruth, angular_differences
+    from dmp.metrics import GroundTruth, reference_edge_length, surface_measures
 
     left, right = load(mesh, quiet=json), load(reference, quiet=json)
-    if not left.same_connectivity(right):
-        return _surface_metrics(left, right, as_json=json)
-    truth = GroundTruth.for_input(right, left)
-    angles = angular_differences(left.vertices, truth.normals, left.faces)
-    areas = face_areas(truth.mesh.vertices, truth.mesh.faces)
-    values = {
-        **truth.measures(left.vertices),
-        "mad_area_weighted": float((angles * areas).sum() / areas.sum()),
-        "mean_edge_length": truth.edge_length,
-        "alignment_scale": truth.alignment.scale,
-        "alignment_shift": truth.alignment.shift.tolist(),
-    }
-    if json:
-        print(json_module.dumps(values, indent=2))
+    if left.same_connectivity(right):
+        truth = GroundTruth.for_input(right, left)
+        values: dict[str, Any] = {
+            **truth.full_measures(left.vertices),
+            "mean_edge_length": truth.edge_length,
+            "alignment_scale": truth.alignment.scale,
+            "alignment_shift": truth.alignment.shift.tolist(),
+        }
     else:
-        print(f"mean angular difference  {values['mad']:.3f} degrees ({values['mad_area_weighted']:.3f} weighted by area)")
-        print(f"mean vertex distance     {values['vertex_error']:.4f} mean edge lengths (of {truth.edge_length:.6g})")
-        print(f"after bringing the reference to scale {truth.alignment.scale:.6g} and moving it")
+        values = {**surface_measures(left, right), "mean_edge_length": reference_edge_length(right)}
+    print(json_module.dumps(values, indent=2) if json else _metrics_text(values))
     return EXIT_DONE
 
 
-def _surface_metrics(mesh: TriangleMesh, reference: TriangleMesh, *, as_json: bool) -> int:
-    from dmp.geometry import mean_edge_length
-    from dmp.surface_distance import distance_to_surface
-    from dmp.topology import unique_edges
+def _metrics_text(values: dict[str, Any]) -> str:
+    def three(name: str) -> str:
+        return f"{values[name]:.4f} (root mean square {values[f'{name}_rms']:.4f}, at most {values[f'{name}_max']:.3f})"
 
-    edge_length = mean_edge_length(reference.vertices, unique_edges(reference.faces))
-    there = distance_to_surface(mesh.vertices, reference) / edge_length
-    back = distance_to_surface(reference.vertices, mesh) / edge_length
-    values = {
-        "surface_distance": float(there.mean()),
-        "surface_distance_max": float(there.max()),
-        "surface_distance_back": float(back.mean()),
-        "surface_distance_back_max": float(back.max()),
-        "mean_edge_length": edge_length,
-    }
-    if as_json:
-        print(json_module.dumps(values, indent=2))
-        return EXIT_DONE
-    print("the meshes have other faces, so the distances of vertices to the other surface are measured, as the meshes lie:")
-    for name, distances in (("mesh to reference", there), ("reference to mesh", back)):
-        print(
-            f"{name}  {distances.mean():.4f} mean edge lengths (at most {distances.max():.3f}; edge length {edge_length:.6g})"
-        )
-    return EXIT_DONE
+    lines = []
+    if "mad" in values:
+        lines += [
+            f"mean angular difference  {values['mad']:.3f} degrees ({values['mad_area_weighted']:.3f} weighted by area)",
+            f"flipped faces            {100 * values['flipped_faces']:.2f} % (normal more than 90 degrees off)",
+            f"mean vertex distance     {three('vertex_error')}",
+            "mean distance of the vertices to the other surface",
+        ]
+    else:
+        lines.append("the meshes have other faces, so the distances of vertices to the other surface are measured, as they lie")
+    lines += [
+        f"  mesh to reference      {three('surface_distance')}",
+        f"  reference to mesh      {three('surface_distance_back')}",
+        f"Hausdorff distance       {values['hausdorff']:.3f}",
+        f"all distances in mean edge lengths of the reference ({values['mean_edge_length']:.6g})",
+    ]
+    if "alignment_scale" in values:
+        lines.append(f"after bringing the reference to scale {values['alignment_scale']:.6g} and moving it")
+    return "\n".join(lines)
 
 
 def info(mesh: MeshPath, /, *, json: AsJson = False) -> int:
@@ -90,14 +82,36 @@ def noise(
         Literal["normal", "gaussian", "uniform", "impulsive", "scanner"], Parameter(help="Kind of noise.")
     ] = "gaussian",
     seed: Annotated[int, Parameter(help="Seed of the random numbers.")] = 0,
+    share: Annotated[float | None, Parameter(help="Impulsive noise: part of the vertices that it hits [0.1].")] = None,
+    correlation_steps: Annotated[
+        int | None, Parameter(help="Scanner noise: how often it is averaged over neighbours, so that it waves [4].")
+    ] = None,
+    view: Annotated[
+        tuple[float, float, float] | None,
+        Parameter(help="Scanner noise: direction X Y Z in which vertices move; along the normals without it."),
+    ] = None,
     quiet: Quiet = False,
 ) -> int:
     """Add synthetic noise to a mesh, for experiments."""
     from dmp.meshio import write_mesh
     from dmp.noise import add_noise
 
+    named: dict[str, Any] = {}
+    for option, value, owner in (
+        ("share", share, "impulsive"),
+        ("correlation_steps", correlation_steps, "scanner"),
+        ("view", view, "scanner"),
+    ):
+        if value is None:
+            continue
+        if kind != owner:
+            raise SettingsError(
+                f"--{option.replace('_', '-')} belongs to --kind {owner}, and means nothing for {kind} noise. "
+                f"Leave it out or choose --kind {owner}."
+            )
+        named[option] = value
     check_output(output)
-    write_mesh(output, add_noise(load(mesh, quiet), level, kind=kind, seed=seed))
+    write_mesh(output, add_noise(load(mesh, quiet), level, kind=kind, seed=seed, **named))
     say(f"Noise '{kind}' of {level:g} mean edge lengths written to {output}.", quiet)
     return EXIT_DONE
 
