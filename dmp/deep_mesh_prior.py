@@ -10,10 +10,11 @@ import torch
 from torch import Tensor
 
 from dmp.errors import SettingsError, TrainingError
+from dmp.layers import convolution_maker, graph_for
 from dmp.losses import data_loss, laplacian_loss
 from dmp.mesh import FloatArray, IntArray
-from dmp.network import DisplacementNetwork, scaled_widths
-from dmp.operators import normalised_adjacency, to_torch
+from dmp.network import LAYOUTS, DisplacementNetwork
+from dmp.operators import to_torch
 from dmp.problem import Problem
 from dmp.settings import Settings
 from dmp.topology import adjacency
@@ -34,7 +35,7 @@ class DeepMeshPrior(Training):
         fitted = np.setdiff1d(np.flatnonzero(problem.known), self.held_out, assume_unique=True)
 
         neighbours = adjacency(problem.mesh.faces, problem.mesh.n_vertices)
-        self._propagation = to_torch(normalised_adjacency(problem.mesh.faces, problem.mesh.n_vertices), self.device)
+        self._graph = graph_for(settings, problem.mesh.faces, problem.base, self.device)
         self._adjacency = to_torch(neighbours, self.device)
         # A vertex of degenerate faces only may have no neighbour; its Laplacian is then the vertex itself over 1.
         self._valence = self._tensor(np.maximum(neighbours.sum(axis=1), 1.0)[:, None])
@@ -46,7 +47,14 @@ class DeepMeshPrior(Training):
         # Forked, so that the caller's own random numbers stay as they were.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(settings.seed)
-            network = DisplacementNetwork(settings.input_channels, scaled_widths(settings.width_divisor))
+            layout = LAYOUTS[settings.architecture].divided(settings.width_divisor)
+            network = DisplacementNetwork(
+                settings.input_channels,
+                layout.widths,
+                layout.hidden,
+                skip=settings.skip,
+                convolution=convolution_maker(settings),
+            )
         self._network = network.to(self.device)
         self._optimiser = torch.optim.Adam(self._network.parameters(), lr=settings.learning_rate, fused=True)
         self._output = self._base
@@ -58,13 +66,15 @@ class DeepMeshPrior(Training):
         return sum(parameter.numel() for parameter in self._network.parameters())
 
     def _forward(self) -> Mapping[str, Tensor]:
-        output = self._network(self._features, self._propagation)
+        output = self._network(self._features, self._graph)
         if self.settings.predict == "displacement":
             output = output + self._base
         self._output = output.detach()
         data = data_loss(output, self._target, self._fitted)
         smoothed = output if self.settings.laplacian_of == "prediction" else output - self._target
-        laplacian = laplacian_loss(smoothed, self._adjacency, self._valence, self.settings.laplacian_form)
+        laplacian = laplacian_loss(
+            smoothed, self._adjacency, self._valence, self.settings.laplacian_form, self.settings.laplacian_epsilon
+        )
         return {"total_loss": data + self.settings.laplacian_weight * laplacian, "data_loss": data, "laplacian_loss": laplacian}
 
     def _losses_before(self) -> Mapping[str, Tensor]:

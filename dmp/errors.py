@@ -21,6 +21,10 @@ class NoHolesError(MeshError):
     """A mesh without any hole that can be filled: nothing is wrong, and there is nothing to do."""
 
 
+class NoSphereError(MeshError):
+    """A mesh that cannot be spread over a sphere: all else can be done with it."""
+
+
 class MeshFileError(MeshError):
     """A mesh file that cannot be read or written.
 

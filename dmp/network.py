@@ -2,40 +2,109 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from dmp.layers import GraphConvolution
+from dmp.layers import Graph, GraphConvolution
+from dmp.layers.choice import MakeConvolution
+from dmp.settings import Architecture
 
-# Output widths of the 13 convolutions and of the first linear layer in the authors' code (HEAD).
-PUBLISHED_WIDTHS = (32, 64, 128, 256, 256, 512, 512, 256, 256, 128, 64, 32, 32)
-PUBLISHED_HIDDEN = 16
 _NARROWEST = 16
 
 
+@dataclass(frozen=True)
+class Layout:
+    """Numbers of channels in a network.
+
+    Attributes:
+        widths: output channels of the convolutions.
+        hidden: output channels of the first of the two linear layers.
+    """
+
+    widths: tuple[int, ...]
+    hidden: int
+
+    def divided(self, divisor: int) -> Layout:
+        """Return the layout with all numbers divided by ``divisor``, none below 16."""
+        return Layout(
+            tuple(max(_NARROWEST, width // divisor) for width in self.widths), max(_NARROWEST, self.hidden // divisor)
+        )
+
+
+# The two states of the authors' published code, by month; see :mod:`dmp.settings`.
+LAYOUTS: Mapping[Architecture, Layout] = {
+    "2024-06": Layout((32, 64, 128, 256, 256, 512, 512, 256, 256, 128, 64, 32, 32), hidden=16),
+    "2021-04": Layout((32, 64, 128, 256, 256, 512, 512, 256, 256, 128), hidden=64),
+}
+PUBLISHED_WIDTHS = LAYOUTS["2024-06"].widths
+PUBLISHED_HIDDEN = LAYOUTS["2024-06"].hidden
+
+
 def scaled_widths(divisor: int) -> tuple[int, ...]:
-    """Return the published channel widths divided by ``divisor``, none below 16."""
-    return tuple(max(_NARROWEST, width // divisor) for width in PUBLISHED_WIDTHS)
+    """Return the published channel widths of the convolutions divided by ``divisor``, none below 16."""
+    return LAYOUTS["2024-06"].divided(divisor).widths
+
+
+def skip_sources(n_layers: int) -> tuple[int | None, ...]:
+    """Return for each layer the earlier one whose output is joined to its input with skip connections, or None.
+
+    Layers are numbered from 0. The second half mirrors the first: layer k takes the output of layer n - 1 - k, except in the
+    middle, where that is the layer's own input. For 13 layers this is the authors' published code; for other numbers of layers
+    no variant was published.
+    """
+    mirrored = (n_layers - 1 - layer for layer in range(n_layers))
+    return tuple(source if source < layer - 1 else None for layer, source in enumerate(mirrored))
 
 
 class DisplacementNetwork(nn.Module):
-    """Graph convolutions, each followed by batch normalisation and LeakyReLU(0.01), then two linear layers.
+    """Graph convolutions, each followed by batch normalisation and LeakyReLU(0.01), then linear layers to 3 coordinates.
+
+    There are two linear layers with a LeakyReLU between them. With ``skip`` it is the U-shaped variant of the authors'
+    published code: the outputs of the first half of the convolutions are joined, channels beside channels, to the inputs of the
+    second half (:func:`skip_sources`), and one linear layer ends it.
 
     Batch normalisation always uses the statistics of the mesh at hand: there is only this one.
     """
 
     def __init__(
-        self, input_channels: int = 16, widths: tuple[int, ...] = PUBLISHED_WIDTHS, hidden: int = PUBLISHED_HIDDEN
+        self,
+        input_channels: int = 16,
+        widths: Sequence[int] = PUBLISHED_WIDTHS,
+        hidden: int = PUBLISHED_HIDDEN,
+        *,
+        skip: bool = False,
+        convolution: MakeConvolution = GraphConvolution,
     ) -> None:
-        super().__init__()
-        sizes = (input_channels, *widths)
-        self.convolutions = nn.ModuleList(GraphConvolution(i, o) for i, o in zip(sizes, widths, strict=False))
-        self.normalisations = nn.ModuleList(nn.BatchNorm1d(width) for width in widths)
-        self.hidden = nn.Linear(widths[-1], hidden)
-        self.output = nn.Linear(hidden, 3)
+        """Make a network.
 
-    def forward(self, features: Tensor, propagation: Tensor) -> Tensor:
-        """Return one vector a vertex, (V, 3), for features (V, input_channels) and the symmetric matrix P (V, V)."""
-        for convolution, normalisation in zip(self.convolutions, self.normalisations, strict=True):
-            features = functional.leaky_relu(normalisation(convolution(features, propagation)), 0.01, inplace=True)
-        return self.output(functional.leaky_relu(self.hidden(features), 0.01))
+        Args:
+            input_channels: random values of a vertex.
+            widths: output channels of the convolutions.
+            hidden: output channels of the first linear layer; without meaning for ``skip``.
+            skip: whether to make the variant with skip connections.
+            convolution: makes one layer from its numbers of input and output channels.
+        """
+        super().__init__()
+        self.sources = skip_sources(len(widths)) if skip else (None,) * len(widths)
+        joined = [0 if source is None else widths[source] for source in self.sources]
+        sizes = [width + more for width, more in zip((input_channels, *widths), joined, strict=False)]
+        self.convolutions = nn.ModuleList(convolution(i, o) for i, o in zip(sizes, widths, strict=True))
+        self.normalisations = nn.ModuleList(nn.BatchNorm1d(width) for width in widths)
+        self.hidden = None if skip else nn.Linear(widths[-1], hidden)
+        self.output = nn.Linear(widths[-1] if skip else hidden, 3)
+
+    def forward(self, features: Tensor, graph: Graph) -> Tensor:
+        """Return one vector a vertex, (V, 3), for features (V, input_channels) and what the convolutions know of the mesh."""
+        outputs: list[Tensor] = []
+        for source, convolution, normalisation in zip(self.sources, self.convolutions, self.normalisations, strict=True):
+            if source is not None:
+                features = torch.cat([features, outputs[source]], dim=1)
+            features = functional.leaky_relu(normalisation(convolution(features, graph)), 0.01, inplace=True)
+            outputs.append(features)
+        if self.hidden is not None:
+            features = functional.leaky_relu(self.hidden(features), 0.01)
+        return self.output(features)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,12 +10,12 @@ import numpy as np
 from dmp.errors import MeshError
 from dmp.geometry import face_areas, mean_edge_length
 from dmp.hole_metrics import HoleTruth
-from dmp.mesh import BoolArray, FloatArray, TriangleMesh, read_only
+from dmp.mesh import BoolArray, FloatArray, IntArray, TriangleMesh, read_only
 from dmp.metrics import GroundTruth
 from dmp.seam import Seam
 from dmp.settings import Settings, Task
 from dmp.smoothing import smooth
-from dmp.topology import unique_edges
+from dmp.topology import connected_vertices, unique_edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,9 @@ class Problem:
         ground_truth: what to compare the prediction with, or None.
         keep_known: whether the result leaves known vertices exactly where they were.
         notes: sentences for the user on what was done to set the problem up.
+        n_input_faces: faces of the mesh as it was given; those after them were inserted by hole filling.
+        whole: the problem that this one is the trainable part of, see :meth:`trainable_part`; None for a whole one.
+        part: the vertices of ``whole`` that are here, (V,) int64, ascending; None for a whole problem.
     """
 
     task: Task
@@ -46,6 +49,9 @@ class Problem:
     ground_truth: GroundTruth | HoleTruth | None = field(default=None)
     keep_known: bool = False
     notes: tuple[str, ...] = ()
+    n_input_faces: int | None = None
+    whole: Problem | None = None
+    part: IntArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "base", read_only(self.base, np.float64))
@@ -62,6 +68,7 @@ class Problem:
         known: BoolArray | None = None,
         ground_truth: TriangleMesh | None = None,
         notes: tuple[str, ...] = (),
+        n_input_faces: int | None = None,
     ) -> Problem:
         """Set up a problem whose base is there already, choosing the scale that ``settings`` ask for.
 
@@ -72,20 +79,25 @@ class Problem:
             known: (V,) bool; None when every vertex is.
             ground_truth: the clean mesh, with the same connectivity; for a completion the complete one, with any.
             notes: sentences for the user.
+            n_input_faces: faces before hole filling; None when it inserted none.
 
         Raises:
-            MeshError: when the ground truth does not belong to the mesh.
+            MeshError: when the ground truth does not belong to the mesh, or no edge joins two different known places.
         """
         known = np.ones(mesh.n_vertices, dtype=bool) if known is None else known
         # Of the known part: what hole filling made of the rest is no measure of the scan.
         edges = unique_edges(mesh.faces[known[mesh.faces].all(axis=1)])
-        edge_length = mean_edge_length(mesh.vertices, edges)
+        edge_length = mean_edge_length(mesh.vertices, edges) if len(edges) else 0.0
+        if edge_length <= 0:
+            raise MeshError("The mesh has no edge of any length between known vertices, so it has no shape to learn.")
         truth: GroundTruth | HoleTruth | None = None
         if ground_truth is not None and settings.task == "complete":
             truth = HoleTruth.for_filled(ground_truth, mesh, known, edge_length)
         elif ground_truth is not None:
             truth = GroundTruth.for_input(ground_truth, mesh)
-        low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+        # A stray vertex far away must not move the origin: around the surface no digits are lost.
+        surface = mesh.vertices[connected_vertices(mesh.faces, mesh.n_vertices)]
+        low, high = surface.min(axis=0), surface.max(axis=0)
         return cls(
             task=settings.task,
             mesh=mesh,
@@ -97,7 +109,45 @@ class Problem:
             ground_truth=truth,
             keep_known=settings.task == "complete" and settings.known_vertices == "keep",
             notes=notes,
+            n_input_faces=n_input_faces,
         )
+
+    def trainable_part(self) -> Problem:
+        """Return the problem without its isolated vertices, which have no neighbours to learn from; itself without any.
+
+        Scale and origin stay. :meth:`placed` brings a prediction for the part back to all vertices.
+        """
+        connected = connected_vertices(self.mesh.faces, self.mesh.n_vertices)
+        if connected.all():
+            return self
+        part = np.flatnonzero(connected)
+        kept: BoolArray = np.asarray(connected[self.mesh.faces].all(axis=1))
+        mesh = TriangleMesh(self.mesh.vertices[part], (np.cumsum(connected) - 1)[self.mesh.faces[kept]])
+        truth = self.ground_truth
+        if isinstance(truth, HoleTruth):
+            truth = HoleTruth.for_filled(truth.mesh, mesh, self.known[part], self.edge_length)
+        elif truth is not None:
+            truth = truth.restricted(part, mesh.faces, kept)
+        return replace(self, mesh=mesh, base=self.base[part], known=self.known[part], ground_truth=truth, whole=self, part=part)
+
+    def placed(self, vertices: FloatArray) -> FloatArray:
+        """Return predicted positions (V, 3) among those of the whole problem, whose isolated vertices stay in place."""
+        if self.whole is None or self.part is None:
+            return vertices
+        everywhere = self.whole.target.copy()
+        everywhere[self.part] = vertices
+        return everywhere
+
+    def exact(self, vertices: FloatArray) -> FloatArray:
+        """Return positions (V, 3), kept in single precision meanwhile, with those that never move exactly in place."""
+        fixed = ~connected_vertices(self.mesh.faces, self.mesh.n_vertices)
+        if self.keep_known:
+            fixed |= self.known
+        if not fixed.any():
+            return vertices
+        restored = vertices.copy()
+        restored[fixed] = self.target[fixed]
+        return restored
 
     @property
     def target(self) -> FloatArray:
@@ -125,23 +175,17 @@ def check_trainable(mesh: TriangleMesh) -> None:
     """Refuse a mesh that the method cannot work on.
 
     Raises:
-        MeshError: in one or two sentences, when there are no faces, a vertex belongs to no face, most faces have no
-            area, or the extent is zero or beyond what double precision carries.
+        MeshError: in one or two sentences, when there are no faces, most faces have no area, or the extent is zero or
+            beyond what double precision carries. Isolated vertices are left out of the training and stay in place.
     """
     if mesh.n_faces == 0:
         raise MeshError(
             "The mesh has no faces. A point cloud has to be turned into a triangle mesh first, for example in MeshLab."
         )
-    if mesh.n_vertices < 4:
-        raise MeshError(f"The mesh has only {mesh.n_vertices} vertices; at least 4 are needed.")
-    used = np.zeros(mesh.n_vertices, dtype=bool)
-    used[mesh.faces.ravel()] = True
-    if not used.all():
-        raise MeshError(
-            f"{np.count_nonzero(~used)} of {mesh.n_vertices} vertices belong to no face (the first is vertex "
-            f"{int(np.flatnonzero(~used)[0])}), so they have no neighbours to learn from. Remove them first."
-        )
-    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+    used = connected_vertices(mesh.faces, mesh.n_vertices)
+    if not used.any():
+        raise MeshError("No face of the mesh has three different corners, so it has no shape to learn.")
+    diagonal = float(np.linalg.norm(np.ptp(mesh.vertices[used], axis=0)))
     if not 1e-12 <= diagonal <= 1e12:
         raise MeshError(f"The mesh is {diagonal:.3g} units large; sizes from 1e-12 to 1e12 can be worked with. Scale it first.")
     flat = np.count_nonzero(face_areas(mesh.vertices, mesh.faces) <= 1e-14 * diagonal**2)

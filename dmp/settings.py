@@ -1,7 +1,8 @@
 """Every hyper-parameter of the method in one frozen dataclass, with its unit, its default and its source.
 
-The command line and the run panel of the application are generated from this declaration. "HEAD" is the authors'
-public code (astaka-pe/DeepMeshPrior at 95c5529), "paper" is Hattori et al. 2021.
+The command line and the run panel of the application are generated from this declaration. "The paper" is Hattori et al.
+2021; "the authors' published code" is astaka-pe/DeepMeshPrior, in its newest state of June 2024 (95c5529) unless its first one
+of April 2021 (92b56c8) is named.
 """
 
 from __future__ import annotations
@@ -14,12 +15,13 @@ from typing import Any, Literal, get_args, get_type_hints
 from dmp.errors import SettingsError
 
 Task = Literal["denoise", "complete"]
-Preset = Literal["compact", "paper", "best"]
+Preset = Literal["compact", "paper", "paper-2021-04", "best"]
 Method = Literal["prior", "recorrupted", "made-up-holes"]
-Convolution = Literal["gcn"]
+Convolution = Literal["gcn", "chebyshev", "gmm", "gmm-geometric"]
+Architecture = Literal["2024-06", "2021-04"]
 LaplacianForm = Literal["mean", "sum"]
 Scaling = Literal["edge", "box"]
-Smoothing = Literal["laplacian", "none"]
+Smoothing = Literal["laplacian", "spherical", "none"]
 Prediction = Literal["displacement", "position"]
 LaplacianOf = Literal["prediction", "change"]
 KnownVertices = Literal["keep", "predict"]
@@ -41,11 +43,14 @@ class Settings:
     task: Task = _setting("denoise", "What to do: remove noise, or fill holes.", advanced=False)
     preset: Preset = _setting(
         "compact",
-        "'compact' is fast and improved, 'paper' follows the published code, 'best' needs no choice of a step.",
+        "'compact' is fast and improved, 'paper' follows the authors' published code, 'paper-2021-04' its first version of "
+        "April 2021 (denoising only), 'best' needs no choice of a step.",
         advanced=False,
     )
     method: Method = _setting(
-        "prior", "Deep Mesh Prior, or training on recorrupted copies, which knows the noise and needs no early stopping."
+        "prior",
+        "'prior' is Deep Mesh Prior; 'recorrupted' trains on copies with more noise and needs no early stopping; "
+        "'made-up-holes' is for completion and learns from holes where the truth is known.",
     )
     steps: int = _setting(1000, "Training steps (optimiser updates).", minimum=1, maximum=10_000_000, advanced=False)
     snapshot_every: int = _setting(25, "Keep the predicted mesh every so many steps.", minimum=1, advanced=False)
@@ -56,15 +61,55 @@ class Settings:
     device: str = _setting("auto", "Where to compute: auto, cpu, cuda or cuda:N.", advanced=False)
     threads: int = _setting(0, "Processor threads for the training; 0 chooses by itself.", minimum=0, maximum=1024)
 
-    convolution: Convolution = _setting("gcn", "Graph convolution of the network.")
-    width_divisor: int = _setting(
-        4, "The published channel widths divided by this number, never below 16 (paper: 1).", minimum=1, maximum=32
+    convolution: Convolution = _setting(
+        "gcn",
+        "Graph convolution of the network: 'gcn' and 'chebyshev' see which vertices are joined, 'gmm' weighs neighbours by how "
+        "many neighbours they have, 'gmm-geometric' by length, slope and direction of the edge to them. As in the authors' "
+        "published code 'gmm' does not see the shape, although the paper says that it does.",
     )
-    input_channels: int = _setting(16, "Channels of the fixed random input of each vertex (HEAD: 16).", minimum=1, maximum=1024)
-    learning_rate: float = _setting(0.01, "Step size of Adam (paper and HEAD: 0.01).", minimum=1e-8, maximum=10.0)
-    laplacian_weight: float = _setting(1.4, "Weight λ of the Laplacian term (HEAD: 1.4).", minimum=0.0, maximum=1e6)
+    chebyshev_order: int = _setting(
+        2,
+        "Convolution 'chebyshev': number of polynomials; each after the first looks one ring of neighbours farther (authors' "
+        "published code: 2).",
+        minimum=1,
+        maximum=10,
+    )
+    gmm_kernels: int = _setting(
+        5,
+        "Convolutions 'gmm' and 'gmm-geometric': number of Gaussian kernels (authors' published code: 5).",
+        minimum=1,
+        maximum=64,
+    )
+    architecture: Architecture = _setting(
+        "2024-06",
+        "Layers of the network, by the month of the authors' published code: 13 convolutions in 2024-06, 10 in 2021-04.",
+    )
+    skip: bool = _setting(
+        False, "Join the second half of the layers to the outputs of the first half, as a variant of the authors' code does."
+    )
+    width_divisor: int = _setting(
+        4, "Divides the published numbers of channels, never below 16; 1 is the published network.", minimum=1, maximum=32
+    )
+    input_channels: int = _setting(
+        16, "Fixed random numbers that each vertex has as input (authors' published code: 16).", minimum=1, maximum=1024
+    )
+    learning_rate: float = _setting(0.01, "Step size of the optimiser, Adam (paper: 0.01).", minimum=1e-8, maximum=10.0)
+    laplacian_weight: float = _setting(
+        1.4,
+        "Weight of the Laplacian term, which keeps neighbours together; 0 switches it off (authors' published code: 1.4).",
+        minimum=0.0,
+        maximum=1e6,
+    )
     laplacian_form: LaplacianForm = _setting(
-        "mean", "Laplacian term: q minus the mean of its neighbours (HEAD), or valence times q minus their sum (paper)."
+        "mean",
+        "Laplacian term: 'mean' is the distance of a vertex from the mean of its neighbours (authors' published code), 'sum' "
+        "the same times their number (paper, and the code of April 2021).",
+    )
+    laplacian_epsilon: float = _setting(
+        1e-12,
+        "Added to the squared distance before its root in the Laplacian term, in squared training units.",
+        minimum=1e-24,
+        maximum=1.0,
     )
     laplacian_of: LaplacianOf = _setting(
         "prediction",
@@ -73,8 +118,14 @@ class Settings:
     predict: Prediction = _setting(
         "displacement", "What the network predicts: displacements from the smoothed mesh, or positions."
     )
-    smoothing: Smoothing = _setting("laplacian", "How the base of the displacements is made from the input.")
-    smoothing_steps: int = _setting(30, "Laplacian smoothing steps for the base (HEAD: 30).", minimum=0, maximum=100_000)
+    smoothing: Smoothing = _setting(
+        "laplacian",
+        "What displacements start from: the input after 'laplacian' smoothing, the input spread over a sphere ('spherical', "
+        "for closed meshes without handles), or the input itself ('none').",
+    )
+    smoothing_steps: int = _setting(
+        30, "Steps of Laplacian smoothing (authors' published meshes: 30).", minimum=0, maximum=100_000
+    )
     scaling: Scaling = _setting(
         "edge", "Length that is 1 during training: the mean edge, or the largest side of the bounding box."
     )
@@ -123,8 +174,8 @@ class Settings:
 SETTING_FIELDS: Mapping[str, Field[Any]] = {item.name: item for item in fields(Settings)}
 _TYPES = get_type_hints(Settings)
 
-# What differs from the defaults above. 'paper' keeps the published behaviour in everything: unit box, full width,
-# nothing held out, no averaging, λ and steps of HEAD.
+# What differs from the defaults above. 'paper' and 'paper-2021-04' keep the published behaviour in everything: unit box, full
+# width, nothing held out, no averaging, weights and steps of the two states of the published code.
 _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
     ("compact", "denoise"): {},
     ("compact", "complete"): {
@@ -137,6 +188,10 @@ _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
     ("paper", "complete"): {
         "steps": 8000, "snapshot_every": 100, "log_every": 10, "width_divisor": 1, "scaling": "box", "hold_out": 0.0,
         "average": 0.0, "laplacian_weight": 0.2,
+    },
+    ("paper-2021-04", "denoise"): {
+        "steps": 4000, "snapshot_every": 50, "architecture": "2021-04", "width_divisor": 1, "scaling": "box", "hold_out": 0.0,
+        "average": 0.0, "laplacian_weight": 0.2, "laplacian_form": "sum", "laplacian_epsilon": 1e-6,
     },
     ("best", "complete"): {
         "method": "made-up-holes", "steps": 800, "snapshot_every": 50, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.0,
@@ -160,7 +215,7 @@ DENOISE_TOO: Mapping[str, Any] = {
 def choices(name: str) -> tuple[str, ...]:
     """Return the allowed texts of the setting ``name``, or an empty tuple where any value of its type is allowed."""
     hint = _TYPES[name]
-    return get_args(hint) if hint not in (int, float, str) else ()
+    return get_args(hint) if hint not in (bool, int, float, str) else ()
 
 
 def default_preset(task: str) -> str:
@@ -170,6 +225,16 @@ def default_preset(task: str) -> str:
     closest to the true surface.
     """
     return "best" if task == "complete" else "compact"
+
+
+def presets_for(task: str) -> tuple[str, ...]:
+    """Return the presets that a task has."""
+    return tuple(preset for preset in choices("preset") if (preset, task) in _PRESETS)
+
+
+def preset_value(name: str, task: str, preset: str) -> Any:
+    """Return the value of a setting in one of the presets of a task."""
+    return _PRESETS[(preset, task)].get(name, SETTING_FIELDS[name].default)
 
 
 def settings_for(task: str = "denoise", preset: str | None = None, **overrides: Any) -> Settings:
@@ -186,7 +251,11 @@ def settings_for(task: str = "denoise", preset: str | None = None, **overrides: 
     if (preset, task) not in _PRESETS:
         check("task", task)
         check("preset", preset)
-        raise SettingsError(f"There is no preset '{preset}' for --task {task}. Use compact or paper.")
+        others = ", ".join(presets_for(task))
+        raise SettingsError(
+            f"--preset {preset} is for denoising alone: the authors' code of that time could not fill holes. "
+            f"Use one of: {others}."
+        )
     values = {**_PRESETS[(preset, task)], **{name: value for name, value in overrides.items() if value is not None}}
     for name in values:
         if name not in SETTING_FIELDS:
@@ -210,6 +279,10 @@ def check(name: str, value: Any) -> Any:
     if kind is str:
         if not isinstance(value, str):
             raise SettingsError(f"--{shown} must be a text, not {value!r}.")
+        return value
+    if kind is bool:
+        if not isinstance(value, bool):
+            raise SettingsError(f"--{shown} must be true or false, not {value!r}.")
         return value
     if isinstance(value, bool) or not isinstance(value, (int, float)) or (kind is int and value != int(value)):
         raise SettingsError(f"--{shown} must be {'a whole number' if kind is int else 'a number'}, not {value!r}.")

@@ -7,7 +7,8 @@ from scipy import sparse
 
 from dmp.mesh import FloatArray, TriangleMesh
 from dmp.settings import Smoothing
-from dmp.topology import adjacency
+from dmp.spherical import spherical_smoothing
+from dmp.topology import adjacency, connected_vertices
 
 
 def laplacian_smoothing(mesh: TriangleMesh, steps: int = 30) -> FloatArray:
@@ -28,13 +29,29 @@ def laplacian_smoothing(mesh: TriangleMesh, steps: int = 30) -> FloatArray:
     weights = 1.0 + 2.0 * neighbours.sum(axis=1)
     step = sparse.csr_array(sparse.diags_array(1.0 / weights) @ (sparse.eye_array(mesh.n_vertices) + 2.0 * neighbours))
     # Around the centre, so that a mesh far from the origin loses no digits.
-    centre = mesh.vertices.mean(axis=0)
+    used = connected_vertices(mesh.faces, mesh.n_vertices)
+    centre = mesh.vertices[used].mean(axis=0) if used.any() else np.zeros(3)
     positions = mesh.vertices - centre
     for _ in range(steps):
         positions = step @ positions
-    return np.asarray(positions + centre)
+    smoothed = np.asarray(positions + centre)
+    # Rounding around the centre must not move what has no neighbours.
+    lonely = weights == 1.0
+    smoothed[lonely] = mesh.vertices[lonely]
+    return smoothed
 
 
 def smooth(mesh: TriangleMesh, kind: Smoothing = "laplacian", steps: int = 30) -> FloatArray:
-    """Return the base of the displacements, (V, 3) float64: smoothed as ``kind`` says, or the input itself."""
+    """Return the base of the displacements, (V, 3) float64: smoothed as ``kind`` says, or the input itself.
+
+    Args:
+        mesh: the input.
+        kind: ``laplacian``; ``spherical``, see :mod:`dmp.spherical`; or ``none``.
+        steps: of Laplacian smoothing; without meaning for the others.
+
+    Raises:
+        NoSphereError: for ``spherical``, when the mesh is not a closed surface without handles.
+    """
+    if kind == "spherical":
+        return spherical_smoothing(mesh)
     return laplacian_smoothing(mesh, steps) if kind == "laplacian" else mesh.vertices

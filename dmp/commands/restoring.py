@@ -7,9 +7,20 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from dmp.commands.common import EXIT_DONE, check_output, load, say
-from dmp.commands.options import Keep, MeshPath, OutPath, Quiet, ReportPath, RunPath, TrainingOptions, Verbose, given
-from dmp.errors import MeshFileError, SettingsError
+from dmp.commands.common import EXIT_DONE, check_output, load, refuse_as_output, say
+from dmp.commands.options import (
+    CompleteOptions,
+    DenoiseOptions,
+    Keep,
+    MeshPath,
+    OutPath,
+    Quiet,
+    ReportPath,
+    RunPath,
+    Verbose,
+    given,
+)
+from dmp.errors import SettingsError
 from dmp.settings import DENOISE_TOO, Settings, settings_for
 
 
@@ -22,7 +33,7 @@ def denoise(
     keep: Keep = "auto",
     run: RunPath = None,
     report: ReportPath = None,
-    options: TrainingOptions = None,
+    options: DenoiseOptions = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
@@ -56,7 +67,7 @@ def complete(
     keep: Keep = "auto",
     run: RunPath = None,
     report: ReportPath = None,
-    options: TrainingOptions = None,
+    options: CompleteOptions = None,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> int:
@@ -110,9 +121,7 @@ def _restore(
 
     check_keep(keep, settings, has_truth=ground_truth is not None)
     check_output(output)
-    for source in (mesh, ground_truth):
-        if source is not None and output.exists() and source.exists() and output.samefile(source):
-            raise MeshFileError(output, "this is the file that is read", "Name another one, so that it stays as it is.")
+    refuse_as_output(output, mesh, ground_truth)
     if report is not None and not report.absolute().parent.is_dir():
         raise SettingsError(f"--report {report}: the folder {report.parent} does not exist.")
     damaged = load(mesh, quiet)
@@ -120,7 +129,8 @@ def _restore(
     problem = problem_for(damaged, settings, truth)
     for note in problem.notes:
         say(note, quiet)
-    made = Run.create(problem, settings, folder=run, input_path=mesh, ground_truth_path=ground_truth)
+    # A folder that was named must be written; the usual one is only a safety net.
+    made = Run.create(problem, settings, folder=run, input_path=mesh, ground_truth_path=ground_truth, in_memory=run is None)
     say(f"Run: {made.folder}", quiet)
     finished = train_into(made, quiet=quiet, verbose=verbose)
     return save_result(made, finished, keep=keep, output=output, report=report, quiet=quiet)
