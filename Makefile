@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 export VENV
 
 .DEFAULT_GOAL := help
-.PHONY: help run test lint format wheel samples benchmark clean
+.PHONY: help run test lint format wheel samples benchmark soak clean
 
 help:  ## say what can be made
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -42,6 +42,10 @@ samples:  ## generate the sample meshes in assets/ anew
 benchmark:  ## seconds per training step beside torch_geometric
 	@scripts/bootstrap.sh test
 	$(BIN)/dmp benchmark $(ARGS)
+
+soak:  ## run the endurance checks at full size, for hours
+	@scripts/bootstrap.sh test
+	$(BIN)/python -m tests.soak $(ARGS)
 
 clean:  ## remove what was built, the environment included
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache

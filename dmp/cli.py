@@ -12,7 +12,7 @@ import cyclopts
 from cyclopts import App, Parameter
 
 from dmp import __version__
-from dmp.commands import kept_runs, measuring, meshes, restoring
+from dmp.commands import experimenting, filtering, kept_runs, measuring, meshes, repairing, restoring
 from dmp.commands.common import EXIT_DONE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_USAGE, say
 from dmp.errors import DmpError
 from dmp.waiting import spin_only_briefly
@@ -33,6 +33,9 @@ for _command in (
     meshes.info,
     meshes.noise,
     meshes.smooth,
+    repairing.repair,
+    filtering.filter_,
+    experimenting.experiment,
     measuring.benchmark,
 ):
     app.command(_command)

@@ -52,6 +52,7 @@ def completion(
         known=~filled.inserted_vertices,
         ground_truth=ground_truth,
         notes=filled.notes,
+        n_input_faces=mesh.n_faces,
     )
 
 

@@ -49,15 +49,19 @@ def in_words(error: OSError) -> str:
 
 
 @contextmanager
-def atomic_write(path: Path | str, *, check: Callable[[Path], None] | None = None) -> Iterator[BinaryIO]:
+def atomic_write(
+    path: Path | str, *, check: Callable[[Path], None] | None = None, follow_link: bool = True
+) -> Iterator[BinaryIO]:
     """Open a binary file for writing that takes the name ``path`` only when the block ends without an error.
 
-    A link is followed, so that its target is replaced and the link stays. An existing file keeps its permissions.
+    An existing file keeps its permissions.
 
     Args:
         path: the file to write; its folder must exist.
         check: called with the path of the complete temporary file before the renaming; raising an error in it keeps
             the old file.
+        follow_link: whether a link is followed, so that its target is replaced and the link stays; otherwise the file
+            takes the place of the link.
 
     Yields:
         The temporary file, seekable, opened for writing.
@@ -66,8 +70,8 @@ def atomic_write(path: Path | str, *, check: Callable[[Path], None] | None = Non
         OSError: when the file cannot be written whole, with the errno of the cause (:func:`in_words` tells it). The
             temporary file is removed and the old file is untouched. Also when ``path`` is a folder, a pipe or a device.
     """
-    target = Path(os.path.realpath(path))
-    mode = _mode_of_existing(target)
+    target = Path(os.path.realpath(path)) if follow_link else Path(os.path.realpath(Path(path).parent)) / Path(path).name
+    mode = None if not follow_link and target.is_symlink() else _mode_of_existing(target)
     temporary = target.parent / f".{secrets.token_hex(6)}{TEMPORARY_SUFFIX}"
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
     descriptor = os.open(temporary, flags, 0o666)
@@ -97,7 +101,7 @@ def atomic_write(path: Path | str, *, check: Callable[[Path], None] | None = Non
     _synchronise_folder(target.parent)
 
 
-def atomic_write_bytes(path: Path | str, content: bytes) -> None:
+def atomic_write_bytes(path: Path | str, content: bytes, *, follow_link: bool = True) -> None:
     """Write ``content`` to ``path`` as :func:`atomic_write` does, and compare what is in the file with it before renaming.
 
     Raises:
@@ -108,7 +112,7 @@ def atomic_write_bytes(path: Path | str, content: bytes) -> None:
         if temporary.read_bytes() != content:
             raise OSError(errno.EIO, "the file does not hold what was written to it", str(path))
 
-    with atomic_write(path, check=check) as file:
+    with atomic_write(path, check=check, follow_link=follow_link) as file:
         file.write(content)
 
 

@@ -16,19 +16,22 @@ import numpy as np
 from dmp.errors import MeshFileError
 from dmp.files import atomic_write, in_words
 from dmp.formats.assemble import PolygonMesh, assemble
+from dmp.formats.gltf import read_gltf
+from dmp.formats.names import READABLE_SUFFIXES, WRITABLE_SUFFIXES, Format
 from dmp.formats.obj import read_obj
 from dmp.formats.obj_writing import has_colours, write_obj
 from dmp.formats.off import read_off, write_off
 from dmp.formats.ply import read_ply
 from dmp.formats.ply_writing import write_ply
-from dmp.formats.recognise import Format, recognise
+from dmp.formats.recognise import recognise
 from dmp.formats.source import FormatError, SourceFile
 from dmp.formats.stl import read_binary_stl, rounding_of_stl, write_stl
 from dmp.formats.stl_text import read_text_stl
+from dmp.formats.threemf import read_threemf
+from dmp.formats.vtk_legacy import read_vtk
+from dmp.formats.vtk_writing import write_vtp
+from dmp.formats.vtk_xml import read_vtp
 from dmp.mesh import TriangleMesh
-
-READABLE_SUFFIXES = (".obj", ".ply", ".stl", ".off")
-WRITABLE_SUFFIXES = (".obj", ".ply", ".stl", ".off")
 
 _READERS: dict[Format, Callable[[SourceFile], PolygonMesh]] = {
     "obj": read_obj,
@@ -36,12 +39,18 @@ _READERS: dict[Format, Callable[[SourceFile], PolygonMesh]] = {
     "stl": read_binary_stl,
     "text stl": read_text_stl,
     "off": read_off,
+    "glb": read_gltf,
+    "gltf": read_gltf,
+    "3mf": read_threemf,
+    "vtp": read_vtp,
+    "vtk": read_vtk,
 }
 _WRITERS: dict[str, Callable[[TriangleMesh], Iterator[bytes]]] = {
     ".obj": write_obj,
     ".ply": write_ply,
     ".stl": write_stl,
     ".off": write_off,
+    ".vtp": write_vtp,
 }
 _CHECKED_BYTES = 1 << 20
 # A relative change of the coordinates up to which nobody needs to be told.
@@ -54,11 +63,11 @@ def read_mesh(path: Path | str) -> TriangleMesh:
 
 
 def read_mesh_with_notes(path: Path | str) -> tuple[TriangleMesh, tuple[str, ...]]:
-    """Read a triangle mesh from an OBJ, PLY, STL or OFF file.
+    """Read a triangle mesh from an OBJ, PLY, STL, OFF, GLB, glTF, 3MF, VTP or VTK file.
 
     The vertices keep their order and their digits, up to double precision. Polygons are split into triangles, equal
-    corners of STL triangles joined, degenerate faces and vertices without a face left out; colours and other numbers
-    of the vertices become attributes (:mod:`dmp.formats.ply` has the names).
+    corners of STL triangles and equal vertices of glTF joined, degenerate faces and vertices without a face left out;
+    colours and other numbers of the vertices become attributes (:mod:`dmp.formats.ply` has the names).
 
     Returns:
         The mesh, and full sentences on everything that is not as it stands in the file.
@@ -98,9 +107,9 @@ def _read(source: SourceFile) -> tuple[TriangleMesh, tuple[str, ...]]:
 
 
 def write_mesh(path: Path | str, mesh: TriangleMesh) -> tuple[str, ...]:
-    """Write a mesh to an OBJ, PLY, STL or OFF file, whole or not at all.
+    """Write a mesh to an OBJ, PLY, STL, OFF or VTP file, whole or not at all.
 
-    PLY keeps everything; OBJ and OFF keep the exact positions; OBJ keeps colours as well; STL rounds positions to single
+    PLY and VTP keep everything; OBJ and OFF keep the exact positions; OBJ keeps colours as well; STL rounds positions to single
     precision.
 
     Args:
@@ -120,7 +129,7 @@ def write_mesh(path: Path | str, mesh: TriangleMesh) -> tuple[str, ...]:
     if writer is None:
         raise MeshFileError(
             path,
-            f"the extension '{target.suffix}' is no format that can be written"
+            f"the extension '{target.suffix}' is {_unwritable(target.suffix)}"
             if target.suffix
             else "the name has no extension",
             f"Choose a name that ends in one of {', '.join(WRITABLE_SUFFIXES)}.",
@@ -153,9 +162,13 @@ def write_mesh(path: Path | str, mesh: TriangleMesh) -> tuple[str, ...]:
     return _losses(target.suffix.lower(), mesh)
 
 
+def _unwritable(suffix: str) -> str:
+    return "of a format that can be read only" if suffix.lower() in READABLE_SUFFIXES else "no format that can be written"
+
+
 def _losses(suffix: str, mesh: TriangleMesh) -> tuple[str, ...]:
     """Return sentences on what the format could not keep."""
-    if suffix == ".ply":
+    if suffix in (".ply", ".vtp"):
         return ()
     notes: list[str] = []
     lost = sorted(mesh.vertex_attributes)

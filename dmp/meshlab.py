@@ -22,11 +22,16 @@ import numpy as np
 
 from dmp.boundary import BoundaryLoop
 from dmp.errors import MeshError
+from dmp.files import in_words
 from dmp.mesh import FloatArray, IntArray, TriangleMesh
 
 TIME_LIMIT = 20.0  # seconds; no undamaged mesh of the size meant for this program has needed more than 2
 MEMORY_LIMIT = 6 * 2**30  # bytes; ten times what such a mesh needs
 
+_SAID = "said.txt"
+_LAST_WORDS = 4096
+_LARGEST_FILE = 2 * 2**30
+_SIGNS_OF_NO_MEMORY = ("MemoryError", "bad_alloc", "llocate memory", "out of memory")
 _WORKER = Path(__file__).with_name("meshlab_worker.py")
 
 Filter = tuple[str, Mapping[str, Any]]
@@ -59,19 +64,20 @@ def run_filters(
     if mesh.n_faces == 0:
         raise MeshError("MeshLab was not asked, because the mesh has no faces.")
     values = np.zeros(mesh.n_faces) if face_values is None else np.asarray(face_values, dtype=np.float64)
-    # The child's folder and everything in it goes whatever happens.
-    with tempfile.TemporaryDirectory(prefix="dmp-meshlab-", ignore_cleanup_errors=True) as name:
-        folder = Path(name)
-        np.savez(folder / "input.npz", vertices=mesh.vertices, faces=mesh.faces, face_values=values)
-        (folder / "job.json").write_text(
-            json.dumps([[filter_name, dict(given)] for filter_name, given in filters]), encoding="utf-8"
-        )
-        _run_child(folder, time_limit, memory_limit)
-        try:
-            with np.load(folder / "output.npz", allow_pickle=False) as arrays:
-                result = TriangleMesh(arrays["vertices"], arrays["faces"])
-        except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile, MeshError) as problem:
-            raise MeshError("MeshLab returned no valid mesh.") from problem
+    try:
+        # The child's folder and everything in it goes whatever happens.
+        with tempfile.TemporaryDirectory(prefix="dmp-meshlab-", ignore_cleanup_errors=True) as name:
+            folder = Path(name)
+            np.savez(folder / "input.npz", vertices=mesh.vertices, faces=mesh.faces, face_values=values)
+            (folder / "job.json").write_text(
+                json.dumps([[filter_name, dict(given)] for filter_name, given in filters]), encoding="utf-8"
+            )
+            _run_child(folder, time_limit, memory_limit)
+            result = _read_result(folder / "output.npz")
+    except OSError as problem:
+        raise MeshError(
+            f"MeshLab could not be given the mesh, because {in_words(problem)} ({tempfile.gettempdir()})."
+        ) from problem
     return result.vertices, result.faces
 
 
@@ -118,30 +124,68 @@ def close_holes(
     return vertices, faces
 
 
+def _read_result(path: Path) -> TriangleMesh:
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return TriangleMesh(arrays["vertices"], arrays["faces"])
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile, MemoryError, MeshError) as problem:
+        raise MeshError("MeshLab returned no valid mesh.") from problem
+
+
 def _run_child(folder: Path, time_limit: float, memory_limit: int) -> None:
     # -P keeps the folder of this package, with its modules of plain names, off the child's import path.
     command = [sys.executable, "-P", str(_WORKER), str(folder), str(memory_limit)]
     # Each BLAS thread reserves address space, which the limit counts.
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
     try:
-        child = subprocess.run(
-            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=time_limit, check=False, cwd=folder, env=environment
-        )
+        # Into a file: whatever a child gone wild says, this process does not hold it in memory.
+        with (folder / _SAID).open("wb") as said:
+            child = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said, cwd=folder, env=environment
+            )
+    except OSError as problem:
+        raise MeshError(f"MeshLab could not be started: {in_words(problem)}.") from problem
+    try:
+        _limit(child.pid, memory_limit)
+        code = child.wait(time_limit)
     except subprocess.TimeoutExpired as problem:
         raise MeshError(f"MeshLab was stopped, because it took longer than {time_limit:g} seconds.") from problem
-    except OSError as problem:
-        raise MeshError(f"MeshLab could not be started: {problem.strerror}.") from problem
-    if child.returncode == 0:
+    finally:
+        if child.poll() is None:
+            child.kill()
+        child.wait()
+    if code == 0:
         return
-    if child.returncode not in (3, 4, 5):
-        raise MeshError(f"MeshLab crashed ({_cause_of_death(child.returncode)}).")
-    lines = child.stderr.decode("utf-8", errors="replace").strip().splitlines()
-    said = lines[-1].strip().rstrip(".") if lines else "it gave no reason"
-    if child.returncode == 3:
-        raise MeshError(f"MeshLab cannot be used here ({said}). Install it with 'pip install pymeshlab'.")
-    if child.returncode == 5:
+    words = _last_words(folder / _SAID)
+    if code == 5 or (code not in (3, 4) and any(sign in words for sign in _SIGNS_OF_NO_MEMORY)):
         raise MeshError(f"MeshLab needed more than {memory_limit / 2**30:.3g} GB of memory.")
-    raise MeshError(f"MeshLab could not do it: {said}.")
+    if code not in (3, 4):
+        raise MeshError(f"MeshLab crashed ({_cause_of_death(code)}).")
+    lines = words.strip().splitlines()
+    said_last = lines[-1].strip().rstrip(".") if lines else "it gave no reason"
+    if code == 3:
+        raise MeshError(f"MeshLab cannot be used here ({said_last}). Install it with 'pip install pymeshlab'.")
+    raise MeshError(f"MeshLab could not do it: {said_last}.")
+
+
+def _limit(process: int, memory_limit: int) -> None:
+    """Limit a child from outside as well, where the system can: in memory, and in what it may write to a file."""
+    if sys.platform != "linux":
+        return
+    import resource
+
+    for kind, most in ((resource.RLIMIT_AS, memory_limit), (resource.RLIMIT_FSIZE, _LARGEST_FILE)):
+        try:
+            hard = resource.prlimit(process, kind)[1]
+            resource.prlimit(process, kind, (most if hard < 0 else min(most, hard), hard))
+        except (OSError, ValueError):
+            return  # it has ended already
+
+
+def _last_words(path: Path) -> str:
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - _LAST_WORDS))
+        return file.read(_LAST_WORDS).decode("utf-8", errors="replace")
 
 
 def _cause_of_death(exit_code: int) -> str:

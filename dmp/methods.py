@@ -14,7 +14,13 @@ from dmp.training import Training
 
 
 def training_for(problem: Problem, settings: Settings, *, run_id: str | None = None) -> Training:
-    """Return a fresh training of the method that ``settings`` name (raises :class:`dmp.errors.SettingsError`)."""
+    """Return a fresh training of the method that ``settings`` name, of all vertices that have neighbours.
+
+    Raises:
+        SettingsError: when the method cannot do what the settings say.
+        MeshError: when the mesh gives the method nothing to learn from.
+    """
+    problem = problem.trainable_part()
     if settings.method == "made-up-holes":
         return MadeUpHoles(problem, settings, run_id=run_id)
     if settings.method == "recorrupted":

@@ -4,15 +4,15 @@ A folder holds ``run.json``, ``input.ply``, ``ground_truth.ply`` (when there is 
 ``snapshots/000050.npy``, ``checkpoint.pt`` and ``kept.json``. Each file but the curve is written whole under another name and
 then moved into place, so that a crash leaves the old one or the new one. Snapshots hold displacements from the base in
 single precision; the base is in double precision, so nothing is lost for a mesh far from the origin.
+
+What cannot be written stays in memory, is told once, and is written as soon as that works again. What is read is checked
+first (:mod:`dmp.run_folder`, :mod:`dmp.run_manifest`): a run folder may come from anybody.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
-import platform
 import re
-import sys
+import shutil
 import uuid
 from collections.abc import Iterator
 from dataclasses import asdict, replace
@@ -23,20 +23,31 @@ from typing import Any
 import numpy as np
 import platformdirs
 
+from dmp.devices import device_description
 from dmp.errors import DmpError, MeshError, RunError
-from dmp.files import atomic_write, atomic_write_bytes
-from dmp.mesh import FloatArray, TriangleMesh
-from dmp.meshio import read_mesh, write_mesh
+from dmp.mesh import TriangleMesh
+from dmp.meshio import write_mesh
 from dmp.methods import training_for
-from dmp.problem import Problem
-from dmp.run_files import CurveFile, RunLock, curve_line, curve_text, read_checkpoint, write_checkpoint
-from dmp.settings import Settings, from_mapping, validated
+from dmp.problem import Problem, check_trainable
+from dmp.run_files import (
+    CHECKPOINT,
+    CurveFile,
+    RunLock,
+    checkpoint_bytes,
+    most_checkpoint_bytes,
+    parse_checkpoint,
+    read_checkpoint,
+)
+from dmp.run_folder import RunFolder
+from dmp.run_manifest import Described, check_digests, new_manifest, read_manifest, take_digests, write_manifest
+from dmp.run_outbox import Outbox, cause_of
+from dmp.settings import Settings, validated
 from dmp.snapshot import Snapshot, StepRecord
 from dmp.stopping import Suggestion, suggest
 from dmp.training import Training
 
-RUN_FORMAT = 1
-_SNAPSHOT_NAME = re.compile(r"(\d{6,12})\.npy")
+_SNAPSHOT_NAME = re.compile(r"([0-9]{6,9})\.npy")
+_INPUT, _TRUTH, _BASE, _KEPT = "input.ply", "ground_truth.ply", "base.npy", "kept.json"
 
 
 def default_runs_folder() -> Path:
@@ -46,14 +57,21 @@ def default_runs_folder() -> Path:
 
 def is_run_folder(path: Path | str) -> bool:
     """Tell whether ``path`` is a folder with a run in it."""
-    return (Path(path) / "run.json").is_file()
+    try:
+        return (Path(path) / "run.json").is_file()
+    except OSError:
+        return False
 
 
 def list_runs(folder: Path | None = None) -> list[Run]:
     """Return the readable runs in ``folder`` (default: :func:`default_runs_folder`), newest first."""
     root = folder or default_runs_folder()
     runs = []
-    for candidate in root.iterdir() if root.is_dir() else ():
+    try:
+        candidates = list(root.iterdir())
+    except OSError:
+        candidates = []
+    for candidate in candidates:
         if is_run_folder(candidate):
             try:
                 runs.append(Run.open(candidate))
@@ -62,25 +80,28 @@ def list_runs(folder: Path | None = None) -> list[Run]:
     return sorted(runs, key=lambda run: run.created, reverse=True)
 
 
-class Run:
+class Run(Described):
     """One run folder. Make one with :meth:`create` or :meth:`open`.
 
     Attributes:
         folder: where it lies.
         settings: what it was trained with.
-        warnings: sentences about what could not be written; training goes on in memory meanwhile.
+        warnings: sentences about what could not be written, and what is odd; training goes on in memory meanwhile.
     """
 
     def __init__(self, folder: Path, manifest: dict[str, Any], settings: Settings) -> None:
+        super().__init__(manifest)
         self.folder = folder
         self.settings = settings
         self.warnings: list[str] = []
-        self._manifest = manifest
-        self._lock = RunLock(folder / "run.lock")
-        self._unsaved: dict[int, Snapshot] = {}
-        self._base: FloatArray | None = None
+        self._files = RunFolder(folder)
+        self._lock = RunLock(self._files)
+        self._curve = CurveFile(self._files)
         self._problem: Problem | None = None
-        self._curve = CurveFile(folder / "curve.csv")
+        self._outbox = Outbox(folder, self.warnings)
+        self._needs_first_files = False
+        self._is_training = False
+        self._input_change_told = False
 
     # -- making and opening ---------------------------------------------------------------------------------------
 
@@ -93,6 +114,8 @@ class Run:
         folder: Path | str | None = None,
         input_path: Path | str | None = None,
         ground_truth_path: Path | str | None = None,
+        name: str | None = None,
+        in_memory: bool = False,
     ) -> Run:
         """Make a run folder for a problem that is about to be trained on.
 
@@ -102,50 +125,53 @@ class Run:
             folder: a folder that is empty or not there yet; by default a new one in :func:`default_runs_folder`.
             input_path: the file that the mesh was read from, for the record.
             ground_truth_path: likewise for the ground truth.
+            name: what to call it; by default after the file.
+            in_memory: whether a folder that cannot be written is no obstacle: the run then stays in memory, and says so
+                in its warnings.
 
         Raises:
-            RunError: when the folder holds something already or cannot be written.
+            RunError: when the folder holds something already, or cannot be written and ``in_memory`` is False.
         """
-        now = datetime.now().astimezone()
         run_id = uuid.uuid4().hex
-        stem = Path(input_path).stem if input_path else "mesh"
+        source, truth = (None if path is None else Path(path) for path in (input_path, ground_truth_path))
+        stem = name or (source.stem if source else "mesh")
         if folder is None:
             plain = re.sub(r"[^\w.-]+", "_", stem)[:60] or "mesh"
-            folder = default_runs_folder() / f"{now:%Y%m%d-%H%M%S}_{plain}_{run_id[:6]}"
+            folder = default_runs_folder() / f"{datetime.now().astimezone():%Y%m%d-%H%M%S}_{plain}_{run_id[:6]}"
         folder = Path(folder)
-        manifest = {
-            "format": RUN_FORMAT,
-            "run_id": run_id,
-            "name": f"{stem}, {now:%Y-%m-%d %H:%M}",
-            "created": now.isoformat(timespec="seconds"),
-            "settings": asdict(settings),
-            "versions": _versions(),
-            "input": _origin(input_path),
-            "ground_truth": _origin(ground_truth_path) if problem.ground_truth else None,
-            "vertices": problem.mesh.n_vertices,
-            "faces": problem.mesh.n_faces,
-            "state": "stopped",
-            "last_step": 0,
-        }
+        manifest = new_manifest(problem, settings, name=stem, input_path=source, ground_truth_path=truth, run_id=run_id)
         run = cls(folder, manifest, settings)
+        run._problem = problem
+        run._curve.start([])
+        is_new = not folder.exists()
         try:
-            if folder.exists() and any(folder.iterdir()):
+            if not is_new and any(folder.iterdir()):
                 raise RunError(
                     f"{folder} is not empty. Name another folder for the run, or go on with it by 'dmp resume {folder}'."
                 )
-            (folder / "snapshots").mkdir(parents=True, exist_ok=True)
-            write_mesh(folder / "input.ply", _with_mask(problem))
-            if problem.ground_truth is not None:
-                # As it was given: aligning it a second time would change the last digits of what is measured.
-                write_mesh(folder / "ground_truth.ply", problem.ground_truth.source)
-            _save_array(folder / "base.npy", problem.base)
-            atomic_write_bytes(folder / "curve.csv", curve_text([]).encode())
-            run._write_manifest()
+            run._write_first_files()
+            run._curve.finish()
         except (OSError, MeshError) as error:
-            raise RunError(f"The run folder {folder} cannot be written: {_cause(error)}. Name another one.") from error
-        run._base = problem.base
-        run._problem = problem
+            if is_new:
+                # Half a run would only be in the way.
+                shutil.rmtree(folder, ignore_errors=True)
+            if not in_memory:
+                raise RunError(f"The run folder {folder} cannot be written: {cause_of(error)}. Name another one.") from error
+            run._needs_first_files = True
+            run._outbox.tell(cause_of(error))
         return run
+
+    def _write_first_files(self) -> None:
+        problem = self.problem()
+        self._files.make()
+        write_mesh(self._files / _INPUT, _with_mask(problem))
+        if problem.ground_truth is not None:
+            # As it was given: aligning it a second time would change the last digits of what is measured.
+            write_mesh(self._files / _TRUTH, problem.ground_truth.source)
+        self._files.write_array(_BASE, problem.base)
+        take_digests(self._files, self._manifest, (_INPUT, _TRUTH, _BASE))
+        self._write_manifest()
+        self._needs_first_files = False
 
     @classmethod
     def open(cls, folder: Path | str) -> Run:
@@ -155,47 +181,22 @@ class Run:
             RunError: when there is no run in it or its description is damaged.
         """
         folder = Path(folder)
-        try:
-            manifest = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        except OSError as error:
-            raise RunError(f"{folder} is not a run folder: run.json cannot be read ({error.strerror}).") from error
-        except ValueError as error:
-            raise RunError(f"{folder / 'run.json'} is damaged ({error}).") from error
-        try:
-            if manifest["format"] != RUN_FORMAT:
-                raise RunError(f"{folder} was written in format {manifest['format']}; this version reads format {RUN_FORMAT}.")
-            settings = from_mapping(manifest["settings"])
-            for key, kind in (("run_id", str), ("name", str), ("created", str), ("state", str), ("last_step", int)):
-                if not isinstance(manifest[key], kind):
-                    raise TypeError(f"{key} is {manifest[key]!r}")
-        except (KeyError, TypeError, DmpError) as error:
-            raise RunError(f"{folder / 'run.json'} does not describe a run ({_cause(error)}).") from error
-        return cls(folder, manifest, settings)
+        manifest, settings, notes = read_manifest(RunFolder(folder))
+        run = cls(folder, manifest, settings)
+        run.warnings += notes
+        return run
 
     # -- what it is -------------------------------------------------------------------------------------------------
-
-    @property
-    def run_id(self) -> str:
-        """Identifies this run in its snapshots."""
-        return str(self._manifest["run_id"])
-
-    @property
-    def name(self) -> str:
-        """The name shown to the user."""
-        return str(self._manifest["name"])
-
-    @property
-    def created(self) -> str:
-        """When it was made, ISO 8601."""
-        return str(self._manifest["created"])
 
     @property
     def state(self) -> str:
         """``running``, ``finished``, ``stopped``, ``failed``, or ``interrupted`` when its process ended without a word."""
         state = str(self._manifest["state"])
-        if state == "running" and not self._lock.is_held_by_anyone():
-            return "interrupted"
-        return state
+        return "interrupted" if state == "running" and not self._is_being_trained else state
+
+    @property
+    def _is_being_trained(self) -> bool:
+        return self._is_training or self._lock.is_held_by_anyone()
 
     @property
     def last_step(self) -> int:
@@ -203,15 +204,9 @@ class Run:
         return max([0, *self.snapshot_steps()])
 
     @property
-    def input_path(self) -> Path | None:
-        """The file that the input was read from, if it is known; it may have gone since."""
-        origin = self._manifest.get("input")
-        return Path(origin["path"]) if isinstance(origin, dict) and isinstance(origin.get("path"), str) else None
-
-    @property
-    def device(self) -> str | None:
-        """Where it was trained last."""
-        return self._manifest.get("device")
+    def is_in_memory(self) -> bool:
+        """Whether something that it has learnt could not be written to its folder."""
+        return not self._outbox.is_empty
 
     # -- what is in it ----------------------------------------------------------------------------------------------
 
@@ -223,69 +218,88 @@ class Run:
         """
         if self._problem is not None:
             return self._problem
+        files = self._files
+        check_digests(files, self._manifest, (_INPUT, _TRUTH, _BASE))
+        mesh = files.read_mesh(_INPUT)
+        n_faces = self._manifest.get("input_faces")
         try:
-            mesh = read_mesh(self.folder / "input.ply")
-            truth_path = self.folder / "ground_truth.ply"
-            truth = read_mesh(truth_path) if truth_path.is_file() else None
+            check_trainable(mesh)
             inserted = mesh.vertex_attributes.get("inserted")
-            problem = Problem.from_base(
-                mesh,
-                self.settings,
-                base=self._read_base(mesh.n_vertices),
-                known=None if inserted is None else np.asarray(inserted) == 0,
-                ground_truth=truth,
-            )
+            if inserted is not None and inserted.ndim != 1:
+                raise RunError(f"{files / _INPUT} is damaged: it does not say which vertices were inserted.")
+            with np.errstate(all="ignore"):
+                problem = Problem.from_base(
+                    mesh,
+                    self.settings,
+                    base=files.read_array(_BASE, (mesh.n_vertices, 3)).astype(np.float64),
+                    known=None if inserted is None else np.asarray(inserted) == 0,
+                    ground_truth=files.read_mesh(_TRUTH) if files.size(_TRUTH) is not None else None,
+                    n_input_faces=n_faces if type(n_faces) is int and 0 < n_faces <= mesh.n_faces else None,
+                )
+        except RunError:
+            raise
         except MeshError as error:
             raise RunError(f"The run in {self.folder} cannot be opened: {error}") from error
         self._problem = problem
         return problem
 
     def curve(self) -> list[dict[str, float]]:
-        """Return the logged steps in ascending order; each has ``step``, ``seconds`` and what was measured."""
+        """Return the logged steps in ascending order; each has ``step``, ``seconds`` and what was measured.
+
+        Raises:
+            RunError: when there is a file of that name that cannot be the curve.
+        """
         return [dict(row) for row in self._curve.rows()]
 
     def snapshot_steps(self) -> list[int]:
         """Return the steps whose mesh is kept, ascending."""
-        folder = self.folder / "snapshots"
-        names = (_SNAPSHOT_NAME.fullmatch(path.name) for path in (folder.iterdir() if folder.is_dir() else ()))
-        return sorted({int(match[1]) for match in names if match} | self._unsaved.keys())
+        names = (_SNAPSHOT_NAME.fullmatch(name) for name in self._files.names("snapshots"))
+        return sorted({int(match[1]) for match in names if match} | self._outbox.snapshots.keys())
 
     def snapshot(self, step: int) -> Snapshot:
         """Return the predicted mesh at a kept step (raises :class:`RunError` when it is missing or damaged)."""
-        if step in self._unsaved:
-            return self._unsaved[step]
-        base = self._base if self._base is not None else self._read_base(None)
-        path = self._snapshot_path(step)
-        displacement = _load_array(path, (len(base), 3))
+        if step in self._outbox.snapshots:
+            return self._outbox.snapshots[step]
+        base = self.problem().base
+        displacement = self._files.read_array(_snapshot_name(step), (len(base), 3))
         row = next((row for row in self._curve.rows() if row["step"] == step), {})
         metrics = {name: value for name, value in row.items() if name not in ("step", "seconds")}
-        return Snapshot(self.run_id, step, base + displacement, metrics, row.get("seconds", 0.0))
+        with np.errstate(all="ignore"):
+            vertices = base + displacement
+        if not np.isfinite(vertices).all():
+            raise RunError(f"{self._files / _snapshot_name(step)} is damaged: it holds positions beyond all numbers.")
+        return Snapshot(self.run_id, step, vertices, metrics, row.get("seconds", 0.0))
 
     @property
     def kept_step(self) -> int | None:
         """The step that a person chose to keep, or None."""
+        if self._outbox.choice is not None:
+            return self._outbox.choice[0]
         try:
-            step = json.loads((self.folder / "kept.json").read_text(encoding="utf-8"))["step"]
-        except (OSError, ValueError, KeyError, TypeError):
+            step = self._files.read_json(_KEPT).get("step") if self._files.size(_KEPT) is not None else None
+        except RunError:
             return None
-        return step if isinstance(step, int) else None
+        return step if type(step) is int and step in self.snapshot_steps() else None
 
     def keep(self, step: int | None) -> None:
         """Remember the step that a person chose; None forgets it.
 
+        What cannot be written is remembered as long as this object lives, with a sentence in ``warnings``.
+
         Raises:
-            RunError: when the run has no snapshot of it, or the choice cannot be written.
+            RunError: when the run has no snapshot of it.
         """
         if step is not None and step not in self.snapshot_steps():
             raise RunError(f"Step {step} is not kept in this run. Its snapshots are: {_listed(self.snapshot_steps())}.")
-        try:
-            if step is None:
-                (self.folder / "kept.json").unlink(missing_ok=True)
-            else:
-                note = {"step": step, "chosen": datetime.now().astimezone().isoformat(timespec="seconds")}
-                atomic_write_bytes(self.folder / "kept.json", json.dumps(note).encode())
-        except OSError as error:
-            raise RunError(f"The choice cannot be written to {self.folder}: {_cause(error)}.") from error
+        self._outbox.choice = (step,)
+        if self._outbox.attempt(lambda: self._save_choice(step)):
+            self._outbox.choice = None
+
+    def _save_choice(self, step: int | None) -> None:
+        if step is None:
+            (self._files / _KEPT).unlink(missing_ok=True)
+        else:
+            self._files.write_json(_KEPT, {"step": step, "chosen": datetime.now().astimezone().isoformat(timespec="seconds")})
 
     def suggestion(self) -> Suggestion | None:
         """Return the step that the curve suggests, with its reason."""
@@ -302,7 +316,7 @@ class Run:
         A completion also carries ``inserted``, (V,) uint8, 1 for the vertices that hole filling inserted.
         """
         problem = self.problem()
-        vertices = self.snapshot(step).vertices
+        vertices = problem.exact(self.snapshot(step).vertices)
         return _with_mask(problem).with_vertices(vertices).with_attributes(displacement=vertices - problem.base)
 
     # -- training ---------------------------------------------------------------------------------------------------
@@ -316,91 +330,111 @@ class Run:
         Raises:
             RunError: when the run is being trained right now, is complete, or has no usable checkpoint.
         """
-        if self._lock.is_held_by_anyone():
+        if self._is_being_trained:
             raise RunError(f"The run in {self.folder} is being trained by another window or command.")
         if steps is not None:
             self.settings = validated(replace(self.settings, steps=steps))
         training = training_for(self.problem(), self.settings, run_id=self.run_id)
-        if (self.folder / "checkpoint.pt").exists():
-            training.load_state(read_checkpoint(self.folder / "checkpoint.pt"))
+        threads = self.recorded_threads
+        if self.settings.threads == 0 and threads is not None:
+            # Sums over another number of threads differ in their last digits.
+            training.threads = min(threads, training.threads)
+        state = self._last_state(training)
+        if state is not None:
+            if state.get("run_id", self.run_id) != self.run_id:
+                raise RunError(f"{self._files / CHECKPOINT} belongs to another run.")
+            training.load_state(state)
         if training.step >= self.settings.steps:
             raise RunError(f"The run has reached step {training.step} already. To go on, give a higher number with --steps.")
         if training.is_done:
             raise RunError("The run has come to rest already: its inserted vertices hardly move any more.")
         return training
 
-    def _begin(self, training: Training) -> None:
-        if not self._lock.acquire():
-            raise RunError(f"The run in {self.folder} is being trained by another window or command, or cannot be written.")
-        from dmp.devices import device_description
+    def _last_state(self, training: Training) -> dict[str, Any] | None:
+        if self._outbox.checkpoint is not None:
+            return parse_checkpoint(self._outbox.checkpoint, self.folder)
+        if self._needs_first_files or self._files.size(CHECKPOINT) is None:
+            return None
+        return read_checkpoint(self._files, most_checkpoint_bytes(training.n_parameters, self.problem().mesh.n_vertices))
 
+    def acknowledge(self) -> None:
+        """Take note that the training was interrupted: from now on it counts as stopped, and can be continued."""
+        if self.state == "interrupted":
+            self._manifest["state"] = "stopped"
+            self._outbox.attempt(self._write_manifest)
+
+    def _begin(self, training: Training) -> None:
         self._manifest["device"] = device_description(training.device)
         self._manifest["threads"] = training.threads
         self._manifest["settings"] = asdict(self.settings)
+        self._manifest["state"] = "running"
         # Steps after the checkpoint are trained again; their old lines would come before the new ones.
         rows = [row for row in self.curve() if row["step"] <= training.step] if training.step else []
-        self._try("run.json", lambda: self._set_state("running"))
-        self._try("curve.csv", lambda: atomic_write_bytes(self.folder / "curve.csv", curve_text(rows).encode()))
+        if not self._needs_first_files:
+            try:
+                is_ours = self._lock.acquire()
+            except OSError as error:
+                # Whoever cannot write disturbs nobody.
+                self._outbox.tell(cause_of(error))
+            else:
+                if not is_ours:
+                    raise RunError(f"The run in {self.folder} is being trained by another window or command.")
+        self._is_training = True
+        self._curve.start(rows)
+        if self._needs_first_files or self._outbox.has_trouble:
+            return
+        self._files.clear_leftovers()
+        self._outbox.attempt(self._write_manifest)
+        self._outbox.attempt(self._curve.finish)
 
     def _write(self, record: StepRecord, training: Training) -> None:
         if record.metrics:
-            line = curve_line({"step": record.step, "seconds": record.seconds, **record.metrics})
-            self._try("curve.csv", lambda: self._append_to_curve(line))
+            self._curve.hold({"step": record.step, "seconds": record.seconds, **record.metrics})
+            if not self._needs_first_files:
+                self._outbox.attempt(self._curve.write)
         if record.snapshot is not None:
-            self._keep_snapshot(record.snapshot, training)
+            self._outbox.snapshots[record.snapshot.step] = record.snapshot
+            self._outbox.checkpoint = checkpoint_bytes(training.state())
+            self._send()
+            change = None if self._input_change_told else self.change_of_input()
+            if change is not None:
+                self._input_change_told = True
+                self.warnings.append(change)
 
-    def _keep_snapshot(self, snapshot: Snapshot, training: Training) -> None:
-        self._unsaved[snapshot.step] = snapshot
-        for step, unsaved in sorted(self._unsaved.items()):
-            if self._try(f"snapshot {step}", lambda unsaved=unsaved: self._save_snapshot(unsaved)):
-                del self._unsaved[step]
-        self._try("checkpoint.pt", lambda: write_checkpoint(self.folder / "checkpoint.pt", training.state()))
+    def _send(self) -> None:
+        def save_checkpoint(content: bytes) -> None:
+            self._files.write(CHECKPOINT, content)
 
-    def _end(self, training: Training, state: str) -> None:
-        if state == "stopped" and training.step and training.step not in self.snapshot_steps():
+        if self._needs_first_files and not self._outbox.attempt(self._write_first_files):
+            return
+        self._outbox.send(self._save_snapshot, self._curve.finish, save_checkpoint, self._save_choice)
+
+    def _end(self, training: Training, state: str, *, keeps_step: bool, reason: str = "") -> None:
+        if keeps_step and training.step and training.step not in self.snapshot_steps():
             # What was on the screen when the person said stop is kept, whatever the interval.
             reached = training.current()
             if reached is not None:
                 self._write(reached, training)
-        self._try("run.json", lambda: self._set_state(state))
+        self._manifest.pop("reason", None)
+        if reason:
+            self._manifest["reason"] = reason
+        self._manifest["state"] = state
+        if self.is_in_memory:
+            self._send()
+        if not self._needs_first_files:
+            self._outbox.attempt(self._write_manifest)
+        self._is_training = False
         self._lock.release()
-
-    def _try(self, what: str, write: Any) -> bool:
-        try:
-            write()
-        except (OSError, DmpError) as error:
-            sentence = f"{what} could not be written to {self.folder}: {_cause(error)}. The training goes on in memory."
-            if sentence not in self.warnings:
-                self.warnings.append(sentence)
-            return False
-        return True
 
     # -- files ------------------------------------------------------------------------------------------------------
 
-    def _set_state(self, state: str) -> None:
-        self._manifest["state"] = state
-        self._manifest["last_step"] = self.last_step
-        self._write_manifest()
-
     def _write_manifest(self) -> None:
-        atomic_write_bytes(self.folder / "run.json", json.dumps(self._manifest, indent=2).encode())
-
-    def _append_to_curve(self, line: str) -> None:
-        with (self.folder / "curve.csv").open("a", encoding="ascii", newline="") as file:
-            file.write(line)
-
-    def _snapshot_path(self, step: int) -> Path:
-        return self.folder / "snapshots" / f"{step:06d}.npy"
+        self._manifest["last_step"] = self.last_step
+        write_manifest(self._files, self._manifest)
 
     def _save_snapshot(self, snapshot: Snapshot) -> None:
-        base = self._base if self._base is not None else self._read_base(None)
-        _save_array(self._snapshot_path(snapshot.step), (snapshot.vertices - base).astype(np.float32))
-
-    def _read_base(self, n_vertices: int | None) -> FloatArray:
-        if n_vertices is None:
-            n_vertices = self.problem().mesh.n_vertices
-        self._base = _load_array(self.folder / "base.npy", (n_vertices, 3)).astype(np.float64)
-        return self._base
+        displacement = (snapshot.vertices - self.problem().base).astype(np.float32)
+        self._files.write_array(_snapshot_name(snapshot.step), displacement)
 
 
 def record(training: Training, run: Run) -> Iterator[StepRecord]:
@@ -414,76 +448,29 @@ def record(training: Training, run: Run) -> Iterator[StepRecord]:
         TrainingError: see :meth:`Training.steps`.
     """
     run._begin(training)
-    state = "stopped"
     try:
         for item in training.steps():
             run._write(item, training)
             yield item
-        state = "finished"
-    except Exception:
-        state = "failed"
+    except GeneratorExit:
+        # Closed where a record was handed out, so between two steps.
+        run._end(training, "stopped", keeps_step=True)
         raise
-    finally:
-        run._end(training, state)
+    except BaseException as error:
+        # Anywhere within a step: weights and averages may be half of one and half of the next, and are not kept.
+        is_failure = isinstance(error, Exception)
+        reason = str(error) if isinstance(error, DmpError) else f"{type(error).__name__}: {error}"
+        run._end(training, "failed" if is_failure else "stopped", keeps_step=False, reason=reason if is_failure else "")
+        raise
+    run._end(training, "finished", keeps_step=False)
+
+
+def _snapshot_name(step: int) -> str:
+    return f"snapshots/{step:06d}.npy"
 
 
 def _with_mask(problem: Problem) -> TriangleMesh:
     return problem.mesh if problem.known.all() else problem.mesh.with_attributes(inserted=(~problem.known).astype(np.uint8))
-
-
-def _save_array(path: Path, array: np.ndarray) -> None:
-    with atomic_write(path) as file:
-        np.save(file, array, allow_pickle=False)
-
-
-def _load_array(path: Path, shape: tuple[int, int]) -> FloatArray:
-    try:
-        # Mapped first, so that a lying header allocates nothing.
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except FileNotFoundError as error:
-        raise RunError(f"{path} is missing from the run.") from error
-    except (OSError, ValueError, EOFError, SyntaxError) as error:
-        raise RunError(f"{path} is damaged ({_cause(error)}).") from error
-    if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype not in (np.float32, np.float64):
-        raise RunError(f"{path} does not belong to this run: {shape[0]} rows of 3 numbers are needed.")
-    values = np.array(array)
-    if not np.isfinite(values).all():
-        raise RunError(f"{path} is damaged: it holds numbers that are not finite.")
-    return values
-
-
-def _origin(path: Path | str | None) -> dict[str, str] | None:
-    if path is None:
-        return None
-    path = Path(path).absolute()
-    try:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return {"path": str(path)}
-    return {"path": str(path), "sha256": digest}
-
-
-def _versions() -> dict[str, str]:
-    import scipy
-    import torch
-
-    import dmp
-
-    return {
-        "dmp": dmp.__version__,
-        "torch": torch.__version__,
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-        "python": platform.python_version(),
-        "platform": f"{sys.platform} {platform.machine()}",
-    }
-
-
-def _cause(error: BaseException) -> str:
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror
-    return str(error).rstrip(".") or type(error).__name__
 
 
 def _listed(steps: list[int], most: int = 12) -> str:

@@ -37,23 +37,44 @@ def nearest_on_surface(points: ArrayLike, mesh: TriangleMesh) -> tuple[FloatArra
     Raises:
         MeshError: when the mesh has no faces or the points are no (N, 3) array of finite numbers.
     """
-    positions = np.asarray(points, dtype=np.float64)
-    if positions.ndim != 2 or positions.shape[1] != 3 or not np.isfinite(positions).all():
-        raise MeshError("Points to measure from must be finite numbers in an array of shape (N, 3).")
-    if mesh.n_faces == 0:
-        raise MeshError("The mesh to measure to has no faces, so it has no surface.")
-    tree = _BoxTree(mesh)
-    distances = np.empty(len(positions))
-    nearest = np.empty(len(positions), dtype=np.int64)
-    waiting = [np.arange(len(positions))]
-    while waiting:
-        chunk = waiting.pop()
-        found = tree.query(positions[chunk], may_split=len(chunk) > 1)
-        if found is None:
-            waiting += np.array_split(chunk, 2)
-        else:
-            distances[chunk], nearest[chunk] = found
-    return distances, nearest
+    return NearestSurface(mesh).query(points)
+
+
+class NearestSurface:
+    """A surface that is asked for distances more than once; getting ready takes longer than a few thousand questions.
+
+    Args:
+        mesh: the surface.
+
+    Raises:
+        MeshError: when the mesh has no faces.
+    """
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        if mesh.n_faces == 0:
+            raise MeshError("The mesh to measure to has no faces, so it has no surface.")
+        self._tree = _BoxTree(mesh)
+
+    def query(self, points: ArrayLike) -> tuple[FloatArray, IntArray]:
+        """Return distances (N,) and faces (N,) for points (N, 3), as :func:`nearest_on_surface` does.
+
+        Raises:
+            MeshError: when the points are no (N, 3) array of finite numbers.
+        """
+        positions = np.asarray(points, dtype=np.float64)
+        if positions.ndim != 2 or positions.shape[1] != 3 or not np.isfinite(positions).all():
+            raise MeshError("Points to measure from must be finite numbers in an array of shape (N, 3).")
+        distances = np.empty(len(positions))
+        nearest = np.empty(len(positions), dtype=np.int64)
+        waiting = [np.arange(len(positions))]
+        while waiting:
+            chunk = waiting.pop()
+            found = self._tree.query(positions[chunk], may_split=len(chunk) > 1)
+            if found is None:
+                waiting += np.array_split(chunk, 2)
+            else:
+                distances[chunk], nearest[chunk] = found
+        return distances, nearest
 
 
 def squared_distances(points: FloatArray, triangles: FloatArray) -> FloatArray:

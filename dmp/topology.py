@@ -8,11 +8,28 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from dmp.mesh import IntArray, TriangleMesh
+from dmp.mesh import BoolArray, IntArray, TriangleMesh
+
+
+def proper_faces(faces: IntArray) -> IntArray:
+    """Return the faces with three different vertices, (n, 3); the same array when that is all of them."""
+    proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return faces if proper.all() else faces[proper]
+
+
+def connected_vertices(faces: IntArray, n_vertices: int) -> BoolArray:
+    """Tell which vertices have a neighbour, (V,): those of a face with three different vertices."""
+    connected = np.zeros(n_vertices, dtype=bool)
+    connected[proper_faces(faces).ravel()] = True
+    return connected
 
 
 def edge_face_counts(faces: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the undirected edges (E, 2), each row and the whole sorted, and in how many faces each occurs (E,)."""
+    """Return the undirected edges (E, 2), each row and the whole sorted, and in how many faces each occurs (E,).
+
+    Faces that name a vertex twice have no sides and are overlooked.
+    """
+    faces = proper_faces(faces)
     half_edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     half_edges.sort(axis=1)
     # One integer a pair makes the sort several times faster than np.unique over rows.
@@ -30,7 +47,6 @@ def unique_edges(faces: IntArray) -> IntArray:
 def adjacency(faces: IntArray, n_vertices: int) -> sparse.csr_array:
     """Return the symmetric 0/1 adjacency matrix A, (V, V) float64, without self-loops."""
     edges, _ = edge_face_counts(faces)
-    edges = edges[edges[:, 0] != edges[:, 1]]
     rows, columns = np.concatenate([edges, edges[:, ::-1]]).T
     matrix = sparse.csr_array((np.ones(len(rows)), (rows, columns)), shape=(n_vertices, n_vertices))
     matrix.sort_indices()
@@ -44,7 +60,10 @@ def n_components(faces: IntArray, n_vertices: int) -> int:
 
 @dataclass(frozen=True)
 class TopologyReport:
-    """Counts that describe the connectivity of a mesh."""
+    """Counts that describe the connectivity of a mesh.
+
+    A face that names a vertex twice is collapsed: it counts as a face, and joins nothing.
+    """
 
     vertices: int
     faces: int
@@ -53,14 +72,15 @@ class TopologyReport:
     boundary_edges: int
     non_manifold_edges: int
     unreferenced_vertices: int
+    collapsed_faces: int
     valence_min: int
     valence_mean: float
     valence_max: int
 
     @property
     def euler_characteristic(self) -> int:
-        """V - E + F, counting only vertices that belong to a face."""
-        return self.vertices - self.unreferenced_vertices - self.edges + self.faces
+        """V - E + F, counting only vertices that belong to a face, and faces with three different vertices."""
+        return self.vertices - self.unreferenced_vertices - self.edges + self.faces - self.collapsed_faces
 
     @property
     def is_closed(self) -> bool:
@@ -72,8 +92,7 @@ def topology_report(mesh: TriangleMesh) -> TopologyReport:
     """Count components, boundary and non-manifold edges, unreferenced vertices and valences of ``mesh``."""
     edges, counts = edge_face_counts(mesh.faces)
     valences = np.bincount(edges.ravel(), minlength=mesh.n_vertices)
-    used = np.zeros(mesh.n_vertices, dtype=bool)
-    used[mesh.faces.ravel()] = True
+    used = connected_vertices(mesh.faces, mesh.n_vertices)
     unreferenced = int(np.count_nonzero(~used))
     return TopologyReport(
         vertices=mesh.n_vertices,
@@ -83,6 +102,7 @@ def topology_report(mesh: TriangleMesh) -> TopologyReport:
         boundary_edges=int(np.count_nonzero(counts == 1)),
         non_manifold_edges=int(np.count_nonzero(counts > 2)),
         unreferenced_vertices=unreferenced,
+        collapsed_faces=mesh.n_faces - len(proper_faces(mesh.faces)),
         valence_min=int(valences[used].min()) if used.any() else 0,
         valence_mean=float(valences[used].mean()) if used.any() else 0.0,
         valence_max=int(valences.max()) if len(valences) else 0,

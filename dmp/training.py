@@ -21,6 +21,7 @@ from dmp.problem import Problem
 from dmp.rest import RestWatch
 from dmp.settings import Settings
 from dmp.snapshot import Snapshot, StepRecord
+from dmp.training_state import check_state
 
 CHECKPOINT_VERSION = 1
 
@@ -29,10 +30,11 @@ class Training(ABC):
     """A training that is asked for its steps one at a time.
 
     Pausing is not asking for the next step; stopping is closing the iterator. Between two steps :meth:`state` holds all
-    that is needed to go on later. A method derives from this class and says what one update is.
+    that is needed to go on later. A method derives from this class and says what one update is; it sets ``_network`` and
+    ``_optimiser``.
 
     Attributes:
-        problem: what is fitted.
+        problem: what is fitted: the trainable part of what was asked for, see :meth:`dmp.problem.Problem.trainable_part`.
         settings: how.
         run_id: identifies this training in its snapshots.
         step: number of steps done.
@@ -41,6 +43,9 @@ class Training(ABC):
         threads: processor threads that it uses.
         held_out: indices of the known vertices that the data term never sees, (N,) int64.
     """
+
+    _network: Any  # a torch.nn.Module, with more that only the method knows
+    _optimiser: torch.optim.Optimizer
 
     def __init__(self, problem: Problem, settings: Settings, held_out: IntArray, run_id: str | None = None) -> None:
         self.problem = problem
@@ -54,6 +59,8 @@ class Training(ABC):
         self._measures = Measures(problem, held_out)
         self._rest = RestWatch(np.flatnonzero(~problem.known), problem.edge_length, settings.rest_movement)
         self._losses: Mapping[str, Tensor] = {}
+        # The first step whose loss or gradient was not finite, 0 for none; kept where looking at it costs nothing.
+        self._first_bad = torch.zeros((), dtype=torch.int64, device=self.device)
 
     # -- what a method says ---------------------------------------------------------------------------------------
 
@@ -95,21 +102,22 @@ class Training(ABC):
         step; the metrics and the snapshot are those of the prediction.
 
         Raises:
-            TrainingError: when a loss is no longer finite; the weights are then still those of the last good step.
+            TrainingError: when the loss, its gradient or the prediction is no longer finite. On a processor the weights are
+                then still those of the last good step, unless it was the prediction. On a GPU loss and gradient are looked
+                at in logged steps only, because looking waits for the device; the step named is the right one all the same.
         """
         # Process-wide, like every thread count of torch: trainings in one process share it.
         torch.set_num_threads(self.threads)
         if self.step == 0:
             with self._timed():
                 self._losses = self._losses_before()
+                self._check_loss(self._losses["total_loss"].item(), 0)
                 record = self._record()
             yield record
         while self.step < self.settings.steps and not self._rest.is_at_rest:
             with self._timed():
                 losses = self._compute_gradients()
-                # On a GPU looking at a number waits for the device, so there it is checked at logged steps only.
-                if self.device.type == "cpu" or self._is_due(self.step + 1):
-                    self._check_finite(losses["total_loss"].item())
+                self._check_finite(losses["total_loss"], self.step + 1)
                 self._apply_gradients()
                 self.step += 1
                 self._losses = losses
@@ -129,6 +137,7 @@ class Training(ABC):
         """Return everything that :meth:`load_state` needs to go on from here: tensors and plain values only."""
         return {
             "version": CHECKPOINT_VERSION,
+            "run_id": self.run_id,
             "step": self.step,
             "seconds": self.seconds,
             "rest": self._rest.state(),
@@ -139,26 +148,50 @@ class Training(ABC):
         """Go on from what :meth:`state` returned for the same problem and settings.
 
         Raises:
-            TrainingError: when the state does not fit this network.
+            TrainingError: when the state does not fit this network, or holds anything that this program would not write.
         """
         try:
             if state["version"] != CHECKPOINT_VERSION:
                 raise TrainingError(f"The checkpoint has version {state['version']}, this program writes {CHECKPOINT_VERSION}.")
-            self._load_weights(state)
-            self._rest.load_state(state["rest"])
-            self.step, self.seconds = int(state["step"]), float(state["seconds"])
-        except (KeyError, TypeError, ValueError, RuntimeError, AttributeError, IndexError) as error:
-            raise TrainingError(f"The checkpoint does not fit the settings of its run ({error}).") from error
+            checked = check_state(state, self._network, self._optimiser)
+            self._load_weights(checked)
+            self._rest.load_state(checked["rest"])
+            self.step, self.seconds = checked["step"], float(checked["seconds"])
+        except (KeyError, TypeError, ValueError, RuntimeError, AttributeError, IndexError, OverflowError) as error:
+            cause = " ".join(str(error).split())[:200]
+            raise TrainingError(f"The checkpoint does not fit the settings of its run ({cause}).") from error
 
     def _timed(self) -> _Stopwatch:
         return _Stopwatch(self)
 
-    def _check_finite(self, loss: float) -> None:
+    def _check_finite(self, loss: Tensor, step: int) -> None:
+        """Look at the loss of a step and its gradient before the weights are touched."""
+        gradients = [parameter.grad for parameter in self._network.parameters() if parameter.grad is not None]
+        # The largest value: the usual norm overflows although each value is finite.
+        largest = torch.nn.utils.get_total_norm(gradients, norm_type=math.inf)
+        if self._looks_at_each_step:
+            self._check_loss(loss.item(), step)
+            if not math.isfinite(largest.item()):
+                raise self._left_the_numbers(step, "the gradient of the loss is not finite")
+            return
+        is_bad = ~(torch.isfinite(loss.detach()) & torch.isfinite(largest))
+        self._first_bad = torch.where(is_bad & (self._first_bad == 0), step, self._first_bad)
+        if self._is_due(step) and (first := int(self._first_bad.item())):
+            raise self._left_the_numbers(first, "the loss or its gradient is not finite")
+
+    @property
+    def _looks_at_each_step(self) -> bool:
+        return self.device.type == "cpu"
+
+    def _check_loss(self, loss: float, step: int) -> None:
         if not math.isfinite(loss):
-            raise TrainingError(
-                f"The training left the range of numbers at step {self.step + 1}: the loss is {loss}. "
-                f"Snapshots until then are good. A smaller learning rate than {self.settings.learning_rate:g} may help."
-            )
+            raise self._left_the_numbers(step, f"the loss is {loss}")
+
+    def _left_the_numbers(self, step: int, how: str) -> TrainingError:
+        remedy = f"A smaller learning rate than {self.settings.learning_rate:g} may help."
+        if step:
+            remedy = f"Snapshots of earlier steps are good. {remedy}"
+        return TrainingError(f"The training left the range of numbers at step {step}: {how}. {remedy}")
 
     def _is_due(self, step: int) -> bool:
         settings = self.settings
@@ -167,14 +200,18 @@ class Training(ABC):
     def _record(self, ahead_of_time: bool = False) -> StepRecord:
         if not (ahead_of_time or self._is_due(self.step)):
             return StepRecord(self.step, self.seconds)
-        vertices = self.problem.joined(self.problem.to_file_units(self._prediction().cpu().numpy()))
+        predicted = self._prediction().cpu().numpy()
+        if not np.isfinite(predicted).all():
+            count = np.count_nonzero(~np.isfinite(predicted).all(axis=1))
+            raise self._left_the_numbers(self.step, f"{count} of {len(predicted)} predicted positions are not finite")
+        vertices = self.problem.joined(self.problem.to_file_units(predicted))
         metrics = {name: value.item() for name, value in self._losses.items()}
         metrics.update(self._measures(vertices))
         if not ahead_of_time:
             # A record out of turn must not change what an uninterrupted training would measure later.
             metrics.update(self._rest.update(self.step, vertices))
         wanted = ahead_of_time or self.step % self.settings.snapshot_every == 0 or self.is_done
-        snapshot = Snapshot(self.run_id, self.step, vertices, metrics, self.seconds) if wanted else None
+        snapshot = Snapshot(self.run_id, self.step, self.problem.placed(vertices), metrics, self.seconds) if wanted else None
         return StepRecord(self.step, self.seconds, metrics, snapshot)
 
 

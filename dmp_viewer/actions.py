@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from qtpy.QtGui import QAction, QActionGroup, QKeySequence
 from qtpy.QtWidgets import QMenu, QMenuBar, QWidget
 
+from dmp_viewer.colors import QUANTITIES
+
 
 @dataclass(frozen=True)
 class ActionSpec:
@@ -38,7 +40,8 @@ class ActionSpec:
     submenu: str = ""
 
 
-MENUS = {"file": "&File", "view": "&View", "run": "&Run", "step": "&Step", "help": "&Help"}
+MENUS = {"file": "&File", "view": "&View", "compare": "&Compare", "run": "&Run", "step": "&Step", "help": "&Help"}
+_COLOR, _RANGE, _MIDDLE, _THEME = "&Colour by", "Colour &range", "&Middle pane", "&Theme"
 
 ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec("open", "file", "&Open mesh…", "Ctrl+O", "Open a mesh to restore.", "open"),
@@ -49,16 +52,28 @@ ACTIONS: tuple[ActionSpec, ...] = (
                "Save the kept step as a mesh; without one, the shown step.", "save", separated=True),
     ActionSpec("save_shown", "file", "Save s&hown step…", "Ctrl+Shift+S", "Save the step that is shown now as a mesh."),
     ActionSpec("screenshot", "file", "Save &picture…", "F12", "Save a picture of the whole window.", "camera"),
+    ActionSpec("mesh_report", "file", "Mesh repor&t…", "Ctrl+I",
+               "What is odd about the open mesh, what that means for the result, and what can be mended.", separated=True),
     ActionSpec("quit", "file", "&Quit", "Ctrl+Q",
                "Close the window. A training is ended cleanly and can be continued later.", separated=True),
-    ActionSpec("magnitude", "view", "Colour by &displacement", "Ctrl+1",
-               "Colour by the length of the displacement from the smoothed mesh.", group="quantity", checkable=True),
-    ActionSpec("signed", "view", "Colour by &signed displacement", "Ctrl+2",
-               "Colour by the displacement along the normal of the smoothed mesh: inwards blue, outwards red.",
-               group="quantity", checkable=True),
-    ActionSpec("plain", "view", "&Plain shading", "Ctrl+3", "Show the bare surface.", group="quantity", checkable=True),
+    *(ActionSpec(name, "view", spec.label, f"Ctrl+{key}", spec.help, group="quantity", checkable=True, submenu=_COLOR)
+      for key, (name, spec) in enumerate(QUANTITIES.items(), start=1)),
+    ActionSpec("range_step", "view", "From the &shown step", "", "Fit the range of the colours to the shown step.",
+               group="range", checkable=True, submenu=_RANGE),
+    ActionSpec("range_run", "view", "From the &whole run", "",
+               "Fit the range of the colours to all snapshots, so that steps can be compared.",
+               group="range", checkable=True, submenu=_RANGE),
+    ActionSpec("lock_range", "view", "&Locked", "O", "Hold the range of the colours as it is now.",
+               group="range", checkable=True, submenu=_RANGE),
+    ActionSpec("outliers", "view", "Cover &outliers too", "",
+               "Let the range cover every vertex; otherwise a few far ones may lie beyond it.",
+               checkable=True, separated=True, submenu=_RANGE),
+    ActionSpec("set_range", "view", "&Type the range…", "", "Type both ends of the range, which is locked then.",
+               submenu=_RANGE),
+    ActionSpec("smooth", "view", "&Smooth shading", "G",
+               "Hide the faces; flat shading shows each as it is.", "smooth", checkable=True, separated=True),
     ActionSpec("edges", "view", "Show &edges", "E",
-               "Draw the edges of the triangles.", "edges", checkable=True, separated=True),
+               "Draw the edges of the triangles.", "edges", checkable=True),
     ActionSpec("filling_only", "view", "&Hole filling only", "H",
                "Show hole filling alone in place of the completion, to compare both.", "filling", checkable=True),
     ActionSpec("link", "view", "&Link cameras", "L", "Turn all three panes together.", "link", checkable=True),
@@ -66,10 +81,45 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec("reset_view", "view", "&Fit view", "R", "Show the whole mesh in all panes.", "fit"),
     ActionSpec("show_panel", "view", "Run pa&nel", "F9", "Show or hide the run panel.", checkable=True, separated=True),
     ActionSpec("show_curve", "view", "&Curve", "F10", "Show or hide the training curve.", checkable=True),
+    ActionSpec("show_thumbnails", "view", "&Pictures of the steps", "F11",
+               "Show or hide the small pictures above the timeline.", checkable=True),
     ActionSpec("theme_auto", "view", "As the &system", "",
-               "Light or dark as the system wants it.", group="theme", checkable=True, submenu="&Theme"),
-    ActionSpec("theme_light", "view", "&Light", "", "Light colours.", group="theme", checkable=True, submenu="&Theme"),
-    ActionSpec("theme_dark", "view", "&Dark", "", "Dark colours.", group="theme", checkable=True, submenu="&Theme"),
+               "Light or dark as the system wants it.", group="theme", checkable=True, separated=True, submenu=_THEME),
+    ActionSpec("theme_light", "view", "&Light", "", "Light colours.", group="theme", checkable=True, submenu=_THEME),
+    ActionSpec("theme_dark", "view", "&Dark", "", "Dark colours.", group="theme", checkable=True, submenu=_THEME),
+    ActionSpec("flip", "compare", "Fl&ip to the input", "A",
+               "Show the input in place of the prediction. Press to switch, or hold the key for a short look.",
+               "flip", checkable=True),
+    ActionSpec("swipe", "compare", "&Swipe", "W",
+               "Show the input at the left of a line and the prediction at its right, in one pane.", "swipe", checkable=True),
+    ActionSpec("lens", "compare", "&Lens", "Q", "Show the input in a lens over the prediction; it follows the mouse.",
+               "lens", checkable=True),
+    ActionSpec("against_middle", "compare", "&Against the middle pane", "Shift+A",
+               "Flip, swipe and lens show what the middle pane shows, instead of the input.", checkable=True),
+    ActionSpec("middle_smoothed", "compare", "&Smoothed", "", "Show the smoothed mesh in the middle pane.",
+               group="middle", checkable=True, separated=True, submenu=_MIDDLE),
+    ActionSpec("middle_truth", "compare", "&Ground truth", "", "Show the ground truth in the middle pane.",
+               group="middle", checkable=True, submenu=_MIDDLE),
+    ActionSpec("middle_step", "compare", "&Reference step", "", "Show the reference step in the middle pane.",
+               group="middle", checkable=True, submenu=_MIDDLE),
+    ActionSpec("middle_run", "compare", "&Compared run", "", "Show the compared run in the middle pane.",
+               group="middle", checkable=True, submenu=_MIDDLE),
+    ActionSpec("middle_filter", "compare", "&Filter", "", "Show the result of the filter in the middle pane.",
+               group="middle", checkable=True, submenu=_MIDDLE),
+    ActionSpec("next_middle", "compare", "&Next in the middle pane", "M", "Let the middle pane show the next of what it can."),
+    ActionSpec("compare_run", "compare", "Compare with a &run…", "Ctrl+R",
+               "Lay another run of this mesh beside the one on show: its steps in the middle pane, its curve over this one.",
+               separated=True),
+    ActionSpec("forget_other", "compare", "L&et the compared run go", "", "Compare with no other run any more.", "close"),
+    ActionSpec("other_previous", "compare", "Pre&vious step of the compared run", "Shift+Left",
+               "Show the snapshot before, of the compared run.", "previous"),
+    ActionSpec("other_next", "compare", "Ne&xt step of the compared run", "Shift+Right",
+               "Show the next snapshot of the compared run.", "next"),
+    ActionSpec("compare_filter", "compare", "&Compare with a filter…", "Ctrl+Shift+F",
+               "Show in the middle pane what a classical filter makes of the input."),
+    ActionSpec("pick_vertex", "compare", "&Pick a vertex…", "P",
+               "Show one vertex's values in all panes and over the steps. A click on a mesh picks one, too.", separated=True),
+    ActionSpec("forget_vertex", "compare", "&Forget the picked vertex", "Esc", "Pick no vertex any more.", "close"),
     ActionSpec("start", "run", "&Start", "F5", "Train on the open mesh from the beginning.", "play"),
     ActionSpec("proceed", "run", "&Continue", "Shift+F5", "Go on with the stopped run from its last step.", "play"),
     ActionSpec("pause", "run", "&Pause", "F6", "Hold the training; Resume goes on.", "pause"),
@@ -79,12 +129,21 @@ ACTIONS: tuple[ActionSpec, ...] = (
     ActionSpec("previous_step", "step", "&Previous", "Left", "Show the snapshot before.", "previous"),
     ActionSpec("next_step", "step", "&Next", "Right", "Show the next snapshot.", "next"),
     ActionSpec("last_step", "step", "&Last", "End", "Show the newest snapshot.", "last"),
-    ActionSpec("play", "step", "Pl&ay", "Space", "Play the snapshots one after the other.", "play", checkable=True),
+    ActionSpec("play", "step", "Pla&y", "Space", "Play the snapshots one after the other.", "play", checkable=True),
+    ActionSpec("faster", "step", "Play f&aster", "Ctrl+Up", "Play more snapshots a second."),
+    ActionSpec("slower", "step", "Play slo&wer", "Ctrl+Down", "Play fewer snapshots a second."),
     ActionSpec("follow", "step", "Foll&ow latest", "F",
                "Always show the newest snapshot.", "follow", checkable=True, separated=True),
     ActionSpec("keep", "step", "&Keep this step", "K", "Choose the shown step as the result. Training can go on.", "keep"),
     ActionSpec("forget_kept", "step", "For&get the kept step", "", "Have no kept step any more."),
+    ActionSpec("bookmark", "step", "&Bookmark", "B",
+               "Mark the shown step to come back to, or take its mark away.", "bookmark", checkable=True, separated=True),
+    ActionSpec("previous_bookmark", "step", "Pre&vious bookmark", "Ctrl+Left", "Show the marked step before."),
+    ActionSpec("next_bookmark", "step", "Ne&xt bookmark", "Ctrl+Right", "Show the next marked step."),
+    ActionSpec("set_reference", "step", "Use as &reference step", "X",
+               "Compare other steps with the shown one: by colours, and in the middle pane.", separated=True),
     ActionSpec("show_suggested", "step", "Show the s&uggested step", "S", "Show the step where overfitting seems to begin."),
+    ActionSpec("show_best", "step", "Show the best s&tep", "Shift+S", "Show the step that is closest to the ground truth."),
     ActionSpec("keys", "help", "&Keys", "F1", "List all keys."),
     ActionSpec("log_file", "help", "Copy &path of the log file", "",
                "Put the path of the log file on the clipboard, for a bug report."),
@@ -114,6 +173,8 @@ def build(parent: QWidget, handlers: dict[str, Callable[[], None]]) -> dict[str,
         plain = spec.text.replace("&", "").rstrip("…")
         action.setToolTip(f"{spec.tip or plain}{f'  ({key_text(spec.key)})' if spec.key else ''}")
         action.setStatusTip(spec.tip)
+        # A held key walks through the snapshots, but switches nothing to and fro.
+        action.setAutoRepeat(not spec.checkable)
         action.triggered.connect(lambda _checked=False, handler=handlers[spec.name]: handler())
         if spec.group:
             if spec.group not in groups:
@@ -131,14 +192,12 @@ def fill_menu_bar(bar: QMenuBar, actions: dict[str, QAction]) -> dict[str, QMenu
         if spec.name not in actions:
             continue
         menu = menus[spec.menu]
+        name = f"{spec.menu}/{spec.submenu}" if spec.submenu else spec.menu
         if spec.separated:
-            menu.addSeparator()
-        if spec.submenu:
-            name = f"{spec.menu}/{spec.submenu}"
-            if name not in menus:
-                menu.addSeparator()
-                menus[name] = menu.addMenu(spec.submenu)
-            menu = menus[name]
+            menus.get(name, menu).addSeparator()
+        if name not in menus:
+            menus[name] = menu.addMenu(spec.submenu)
+        menu = menus[name]
         menu.addAction(actions[spec.name])
     for menu in menus.values():
         menu.setToolTipsVisible(False)

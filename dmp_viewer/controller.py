@@ -19,15 +19,20 @@ from dmp.snapshot import Snapshot
 from dmp_viewer import settings as preferences_file
 from dmp_viewer import tasks, theme
 from dmp_viewer.background import Background
+from dmp_viewer.comparing_control import ComparingControl
 from dmp_viewer.curve_notes import is_judged_by_rest
 from dmp_viewer.export import Exporter
 from dmp_viewer.hole_control import HoleControl
+from dmp_viewer.judging_control import JudgingControl
 from dmp_viewer.model import Workspace
 from dmp_viewer.opener import Opener
 from dmp_viewer.presenter import Presenter
+from dmp_viewer.report_control import ReportControl
 from dmp_viewer.runner import Outcome, Progress, Runner, Session
+from dmp_viewer.scanner import SnapshotScanner
 from dmp_viewer.settings import Preferences
 from dmp_viewer.states import RunnerState
+from dmp_viewer.time_control import TimeControl
 from dmp_viewer.views import dialogs
 from dmp_viewer.views.banner import Message
 from dmp_viewer.views.main_window import MainWindow
@@ -59,6 +64,7 @@ class Controller(QObject):
         self.workspace = Workspace()
         self.runner = Runner(self)
         self.background = Background(self)
+        self.scanner = SnapshotScanner(self.workspace, self)
         self.preferences = preferences
         self.runs_folder = runs_folder
         self.presenter = Presenter(window, self.workspace)
@@ -67,6 +73,10 @@ class Controller(QObject):
         self._warnings_told = 0
         self.opener = Opener(self)
         self.hole_control = HoleControl(self)
+        self.judging = JudgingControl(self)
+        self.comparing = ComparingControl(self)
+        self.time = TimeControl(self)
+        self.report = ReportControl(self)
         self._connect()
         self._restore()
 
@@ -77,17 +87,12 @@ class Controller(QObject):
         window.filesDropped.connect(self._on_window_files_dropped)
         window.sampleChosen.connect(self.opener.open_sample)
         window.recentChosen.connect(self._on_window_recent_chosen)
-        window.color_bar.quantityChosen.connect(lambda value: self.workspace.set_coloring(quantity=value))
-        window.color_bar.rangeChosen.connect(lambda value: self.workspace.set_coloring(range=value))
-        window.color_bar.unitChosen.connect(lambda value: self.workspace.set_coloring(unit=value))
         window.curve.stepClicked.connect(self._on_curve_step_clicked)
         window.curve.logAxisChanged.connect(self._on_curve_log_axis_changed)
         window.curve.smoothingChanged.connect(self._on_curve_smoothing_changed)
         window.panel.taskChosen.connect(self.opener.change_task)
         window.panel.settingsChanged.connect(self.workspace.set_wanted)
         self.workspace.set_wanted(window.panel.settings())
-        window.timeline.stepChosen.connect(self.workspace.show_step)
-        window.timeline.playToggled.connect(window.named_actions["play"].setChecked)
         runner.stateChanged.connect(self._on_runner_state_changed)
         runner.prepared.connect(self._on_runner_prepared)
         runner.progressed.connect(self._on_runner_progressed)
@@ -99,14 +104,19 @@ class Controller(QObject):
 
     def _restore(self) -> None:
         preferences, window = self.preferences, self.window
-        self.workspace.set_coloring(quantity=preferences.quantity, range=preferences.range, unit=preferences.unit)
-        self.workspace.set_edges(preferences.edges)
+        self.workspace.colors.set(
+            quantity=preferences.quantity, range=preferences.range, unit=preferences.unit, outliers=preferences.outliers
+        )
+        self.workspace.look.set(edges=preferences.edges, shading=preferences.shading)
         window.curve.set_log_axis(preferences.log_axis)
         window.curve.set_smoothing(preferences.smoothing)
         window.set_panel_visible(preferences.show_panel)
         window.set_curve_visible(preferences.show_curve)
         window.named_actions["show_panel"].setChecked(preferences.show_panel)
         window.named_actions["show_curve"].setChecked(preferences.show_curve)
+        window.named_actions["show_thumbnails"].setChecked(preferences.show_thumbnails)
+        window.timeline.set_strip_wanted(preferences.show_thumbnails)
+        window.timeline.set_speed(preferences.play_speed)
         window.restore_layout(preferences.geometry, preferences.splitters)
         window.set_recent(preferences.existing_recent())
         self.set_theme(preferences.theme)
@@ -136,13 +146,21 @@ class Controller(QObject):
 
     def may_leave_training(self, what: str) -> bool:
         """Tell whether ``what`` may be done: at once when nothing is being trained, else after a question and a clean end."""
-        if not self.runner.state.is_active:
+        if self.runner.state.is_active:
+            details = "The run keeps all its snapshots and can be opened and continued later."
+            if not dialogs.confirm(self.window, f"A training is running. End it and {what}?", details, "End and open"):
+                return False
+            self._end_training()
+        return self._may_lose_what_is_in_memory()
+
+    def _may_lose_what_is_in_memory(self) -> bool:
+        """Ask before a run is let go that could not be written to its folder; a window that nobody looks at never waits."""
+        run = self.workspace.run
+        if not isinstance(run, Run) or not run.is_in_memory or self._preferences_path is None:
             return True
-        details = "The run keeps all its snapshots and can be opened and continued later."
-        if not dialogs.confirm(self.window, f"A training is running. End it and {what}?", details, "End and open"):
-            return False
-        self._end_training()
-        return True
+        text = f"What was learnt last could not be written to {run.folder}. Let it go?"
+        details = "It is in memory only. Cancel, make room or save the mesh somewhere else, and try again."
+        return dialogs.confirm(self.window, text, details, "Let it go")
 
     def _end_training(self) -> None:
         """Stop the training and wait for it; a step that hangs is left behind only when the user says so."""
@@ -178,7 +196,7 @@ class Controller(QObject):
         if self.opener.is_opening or not self.workspace.controls.proceed or not isinstance(run, Run):
             return
         self.window.banners.clear()
-        self._warnings_told = 0
+        self._warnings_told = len(run.warnings)
         steps = self.workspace.continue_until
         self.runner.start(lambda: tasks.continue_session(run, steps))
 
@@ -225,6 +243,16 @@ class Controller(QObject):
             show = None if seen else ("Show it", lambda: self.workspace.show_step(suggestion.step))
             self.say(Message("success", text, action=show))
 
+    def forget_told_warnings(self) -> None:
+        """Tell all warnings of the next run, from the first one on."""
+        self._warnings_told = 0
+
+    def tell_about_run(self, run: Run) -> None:
+        """Tell what is odd about a run that was opened."""
+        self._tell_run_warnings()
+        if change := run.change_of_input():
+            self.say(Message("info", change))
+
     def _tell_run_warnings(self) -> None:
         run = self.workspace.run
         if run is not None:
@@ -235,7 +263,8 @@ class Controller(QObject):
     # -- actions ------------------------------------------------------------------------------------------------------
 
     def _on_window_action(self, name: str) -> None:
-        getattr(self, f"_do_{name}")()
+        if not any(part.do(name) for part in (self.judging, self.time, self.comparing, self.report)):
+            getattr(self, f"_do_{name}")()
 
     def _do_open(self) -> None:
         from dmp.meshio import READABLE_SUFFIXES
@@ -286,27 +315,8 @@ class Controller(QObject):
     def _do_quit(self) -> None:
         self.window.close()
 
-    def _do_magnitude(self) -> None:
-        self.workspace.set_coloring(quantity="magnitude")
-
-    def _do_signed(self) -> None:
-        self.workspace.set_coloring(quantity="signed")
-
-    def _do_plain(self) -> None:
-        self.workspace.set_coloring(quantity="plain")
-
-    def _do_edges(self) -> None:
-        self.workspace.set_edges(not self.workspace.edges)
-
     def _do_filling_only(self) -> None:
         self.workspace.set_filling_only(not self.workspace.filling_only)
-
-    def _do_link(self) -> None:
-        self.workspace.set_linked(not self.workspace.linked)
-
-    def _do_z_up(self) -> None:
-        self.workspace.set_up("y" if self.workspace.up == "z" else "z")
-        self.preferences.up = self.workspace.up
 
     def _do_reset_view(self) -> None:
         self.window.panes.reset_view()
@@ -341,33 +351,11 @@ class Controller(QObject):
     def _do_stop(self) -> None:
         self.runner.stop()
 
-    def _do_first_step(self) -> None:
-        self.window.timeline.go_to_end(last=False)
-
-    def _do_previous_step(self) -> None:
-        self.window.timeline.go(-1)
-
-    def _do_next_step(self) -> None:
-        self.window.timeline.go(1)
-
-    def _do_last_step(self) -> None:
-        self.window.timeline.go_to_end(last=True)
-
-    def _do_play(self) -> None:
-        self.window.timeline.set_playing(not self.window.timeline.is_playing)
-
-    def _do_follow(self) -> None:
-        self.workspace.set_follow_latest(not self.workspace.follow_latest)
-
     def _do_keep(self) -> None:
         self._keep(self.workspace.shown_step)
 
     def _do_forget_kept(self) -> None:
         self._keep(None)
-
-    def _do_show_suggested(self) -> None:
-        if self.workspace.suggestion is not None:
-            self.workspace.show_step(self.workspace.suggestion.step)
 
     def _do_keys(self) -> None:
         dialogs.KeysDialog(self.window).show()
@@ -417,9 +405,13 @@ class Controller(QObject):
         if self.runner.state.is_active:
             self.window.statusBar().showMessage("Ending the training…")
             self._end_training()
+        if not self._may_lose_what_is_in_memory():
+            return False
         self.save_preferences()
         self.window.timeline.set_playing(False)
         self.background.close()
+        self.scanner.close()
+        self.comparing.close()
         self.presenter.close()
         return True
 
@@ -427,12 +419,14 @@ class Controller(QObject):
         """Write what is to be remembered."""
         if self._preferences_path is None:
             return
-        policy, window = self.workspace.coloring, self.window
+        policy, look, window = self.workspace.colors.policy, self.workspace.look.policy, self.window
         geometry, splitters = window.layout_state()
         remembered = replace(
             self.preferences,
-            geometry=geometry, splitters=splitters, quantity=policy.quantity, range=policy.range, unit=policy.unit,
-            edges=self.workspace.edges,
+            geometry=geometry, splitters=splitters, quantity=policy.quantity, unit=policy.unit,
+            # A locked range belongs to the mesh that it was locked for.
+            range="step" if policy.range == "locked" else policy.range,
+            outliers=policy.outliers, edges=look.edges, shading=look.shading,
             show_panel=window.named_actions["show_panel"].isChecked(),
             show_curve=window.named_actions["show_curve"].isChecked(),
         )  # fmt: skip

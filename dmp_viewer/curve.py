@@ -107,6 +107,17 @@ def unit_text(unit: str, settings: Settings | None) -> str:
     return "edge lengths"
 
 
+def axis_text(names: Iterable[str], settings: Settings | None) -> str:
+    """Return what an axis with these measures is called: by their unit, or by what they are where that differs."""
+    drawn = list(names)
+    units = {unit_text(MEASURE_BY_NAME[name].unit, settings) for name in drawn}
+    if len(units) == 1 and units != {"none"}:
+        return units.pop().capitalize()
+    if all(name.endswith("_loss") for name in drawn):
+        return "Loss"
+    return "Error" if not any(name.endswith("_loss") for name in drawn) else "Loss and error"
+
+
 class Curve:
     """The logged steps of one run, in ascending order.
 
@@ -172,6 +183,11 @@ class Curve:
             return None
         index = bisect_left(self._rows, step, key=lambda row: row["step"])
         return min(self._rows[max(0, index - 1) : index + 1], key=lambda row: abs(row["step"] - step))
+
+    def value_at(self, name: str, step: int) -> float | None:
+        """Return a measure at a logged step, or None when it was not measured there."""
+        row = self.nearest(step)
+        return None if row is None or int(row["step"]) != step else row.get(name)
 
     def best(self, name: str, steps: Iterable[int]) -> int | None:
         """Return the one of ``steps`` where a measure is lowest, or None when none of them was measured."""

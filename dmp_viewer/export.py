@@ -7,8 +7,9 @@ from pathlib import Path
 
 from qtpy.QtGui import QPixmap
 
-from dmp.errors import DmpError, MeshFileError
+from dmp.errors import DmpError
 from dmp_viewer.model import Workspace
+from dmp_viewer.saving import save_picture
 from dmp_viewer.views import dialogs
 from dmp_viewer.views.banner import Message
 from dmp_viewer.views.main_window import MainWindow
@@ -48,8 +49,6 @@ class Exporter:
             write_mesh(path, run.mesh_at(step))
         except DmpError as error:
             self._say(Message("error", str(error)))
-        except OSError as error:
-            self._say(Message("error", str(MeshFileError(path, error.strerror or str(error), "Choose another place."))))
         else:
             self._say(Message("success", f"Step {step:,} was saved as {path}."))
 
@@ -64,10 +63,12 @@ class Exporter:
         path = dialogs.ask_save_picture(self._window, self._folder(fallback_folder) / f"{stem}.png")
         if path is None:
             return
-        if picture.save(str(path)):
-            self._say(Message("success", f"The picture was saved as {path}."))
+        try:
+            save_picture(picture, path)
+        except DmpError as error:
+            self._say(Message("error", str(error)))
         else:
-            self._say(Message("error", f"{path}: the picture cannot be written. Choose another place."))
+            self._say(Message("success", f"The picture was saved as {path}."))
 
     def picture(self) -> QPixmap:
         """Return a picture of the whole window, meshes included."""

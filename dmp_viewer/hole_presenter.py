@@ -35,7 +35,7 @@ class HolePresenter:
         if problem is None:
             self._window.panel.hole_section.holes.set_rows([], "")
             return
-        in_edges = workspace.coloring.unit == "edges"
+        in_edges = workspace.colors.policy.unit == "edges"
         factor, unit = (1.0 / problem.edge_length, "edge lengths") if in_edges else (1.0, "file units")
         rows = []
         for index, loop in enumerate(holes.found.loops):

@@ -36,6 +36,12 @@ _SHAPES: dict[str, str] = {
     "success": '<circle cx="12" cy="12" r="8.5"/><path d="M8 12.3l2.8 2.8L16 9.5"/>',
     "right": '<path d="M9 5.5l6.5 6.5L9 18.5"/>',
     "down": '<path d="M5.5 9l6.5 6.5L18.5 9"/>',
+    "smooth": '<circle cx="12" cy="12" r="8.5"/>'
+    '<path class="solid" d="M12 3.5a8.5 8.5 0 0 1 0 17c3-2 4.5-5 4.5-8.5S15 5.5 12 3.5z"/>',
+    "flip": '<path d="M4 8.5h13M13 4l4.5 4.5L13 13"/><path d="M20 16H7M11 11.5L6.5 16l4.5 4.5"/>',
+    "swipe": '<path d="M12 3v18"/><path d="M4 5h8v14H4z"/><path class="solid" d="M12 5h8v14h-8z"/>',
+    "lens": '<circle cx="10.5" cy="10.5" r="6.5"/><path d="M15.5 15.5L21 21"/>',
+    "bookmark": '<path d="M7 3v18"/><path class="solid" d="M7 4h11l-3 4 3 4H7z"/>',
     "help": '<circle cx="12" cy="12" r="8.5"/><path d="M9.5 9.5a2.5 2.5 0 1 1 3.5 2.3c-.7.3-1 .8-1 1.7v.5M12 16.8v.5"/>',
 }  # fmt: skip
 

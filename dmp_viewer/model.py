@@ -5,24 +5,30 @@ The GUI thread owns it. What comes from the training thread arrives as frozen re
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 from psygnal import Signal
 
-from dmp.geometry import vertex_normals
-from dmp.mesh import FloatArray, TriangleMesh
+from dmp.errors import DmpError
+from dmp.mesh import TriangleMesh
 from dmp.metrics import GroundTruth
 from dmp.problem import Problem
 from dmp.settings import Settings
 from dmp.snapshot import Snapshot, StepRecord
 from dmp.stopping import Suggestion, suggest
-from dmp_viewer.colors import ColorPolicy, Limits, UpAxis, Values, displacement_values, extent, limits_for
+from dmp_viewer.bookmarks import Bookmarks
+from dmp_viewer.coloring import Coloring
+from dmp_viewer.colors import UpAxis
+from dmp_viewer.comparison import Comparison
 from dmp_viewer.curve import Curve
 from dmp_viewer.holes import HoleChoice, Holes
+from dmp_viewer.look import Look
+from dmp_viewer.picking import Picking
+from dmp_viewer.ruler import MeshState, StateKey, Surface
+from dmp_viewer.snapshot_cache import SnapshotCache
 from dmp_viewer.states import Controls, RunnerState, controls_for
 
 
@@ -36,6 +42,8 @@ class RunLike(Protocol):
     def run_id(self) -> str: ...  # noqa: D102
     @property
     def name(self) -> str: ...  # noqa: D102
+    @property
+    def folder(self) -> Path | None: ...  # noqa: D102
     @property
     def state(self) -> str: ...  # noqa: D102
     @property
@@ -75,33 +83,6 @@ class Source:
         return self.path.parent if self.path is not None and self.path.parent.is_dir() else None
 
 
-class SnapshotCache:
-    """The snapshots looked at lately, bounded in bytes; others come from the run folder again."""
-
-    def __init__(self, most_bytes: int = 192 * 1024**2) -> None:
-        self._most_bytes = most_bytes
-        self._bytes = 0
-        self._snapshots: OrderedDict[int, Snapshot] = OrderedDict()
-
-    def put(self, snapshot: Snapshot) -> None:
-        """Add or refresh a snapshot, dropping the oldest ones when it becomes too much."""
-        previous = self._snapshots.pop(snapshot.step, None)
-        self._bytes += snapshot.vertices.nbytes - (previous.vertices.nbytes if previous is not None else 0)
-        self._snapshots[snapshot.step] = snapshot
-        while self._bytes > self._most_bytes and len(self._snapshots) > 1:
-            _, dropped = self._snapshots.popitem(last=False)
-            self._bytes -= dropped.vertices.nbytes
-
-    def get(self, step: int) -> Snapshot | None:
-        """Return the snapshot of a step when it is here."""
-        return self._snapshots.get(step)
-
-    def clear(self) -> None:
-        """Forget everything."""
-        self._snapshots.clear()
-        self._bytes = 0
-
-
 class Workspace:
     """Everything the window shows.
 
@@ -116,10 +97,6 @@ class Workspace:
     kept_step_changed = Signal()
     suggestion_changed = Signal()
     follow_latest_changed = Signal()
-    coloring_changed = Signal()
-    linked_changed = Signal()
-    edges_changed = Signal()
-    up_changed = Signal()
     state_changed = Signal()
     progress_changed = Signal()
     wanted_changed = Signal()
@@ -136,10 +113,12 @@ class Workspace:
         self.kept_step: int | None = None
         self.suggestion: Suggestion | None = None
         self.follow_latest = True
-        self.coloring = ColorPolicy()
-        self.linked = True
-        self.edges = False
-        self.up: UpAxis = "y"
+        self.look = Look()
+        self.comparison = Comparison(self)
+        self.colors = Coloring(self)
+        self.picking = Picking(self)
+        self.bookmarks = Bookmarks()
+        self.surface: Surface | None = None
         self.state = RunnerState.IDLE
         self.current_step = 0
         self.seconds = 0.0
@@ -148,10 +127,8 @@ class Workspace:
         self.wanted: Settings | None = None
         self.filling_only = False
         self._hole_measures: dict[int | None, Mapping[str, float]] = {}
-        self._normals: FloatArray | None = None
         self._cache = SnapshotCache()
-        self._input_extent: dict[str, float] = {}
-        self._extents: dict[tuple[str, int], float] = {}
+        self._mads: dict[StateKey, float] = {}
 
     # -- meshes -----------------------------------------------------------------------------------------------------
 
@@ -162,6 +139,8 @@ class Workspace:
 
     def open_problem(self, problem: Problem, source: Source) -> None:
         """Take in another mesh; the run of the previous one is let go (it is safe in its folder)."""
+        self.comparison.forget_mesh()
+        self.picking.pick(None)
         self._set_problem(problem)
         self._set_source(source)
         self._set_run(None)
@@ -177,10 +156,13 @@ class Workspace:
         self.shown_step_changed.emit()
 
     def _set_problem(self, problem: Problem) -> None:
+        if self.problem is not None and not self.problem.mesh.same_connectivity(problem.mesh):
+            self.comparison.forget_mesh()
+            self.picking.pick(None)
         self.problem = problem
-        self._normals = vertex_normals(problem.base, problem.mesh.faces)
-        self._input_extent.clear()
-        self._extents.clear()
+        self.surface = Surface(problem)
+        self.colors.forget()
+        self._mads.clear()
         self._hole_measures.clear()
 
     def _set_source(self, source: Source) -> None:
@@ -207,6 +189,8 @@ class Workspace:
 
     def open_run(self, run: RunLike, problem: Problem, source: Source, suggestion: Suggestion | None) -> None:
         """Show a run from its folder: its meshes, curve and snapshots, at the step to look at first."""
+        self.comparison.forget_mesh()
+        self.picking.pick(None)
         self._set_problem(problem)
         self._set_source(source)
         self._set_run(run)
@@ -220,7 +204,10 @@ class Workspace:
     def _set_run(self, run: RunLike | None) -> None:
         self.run = run
         self._cache.clear()
-        self._extents.clear()
+        self.comparison.forget_run()
+        self.bookmarks.open(None if run is None else run.folder)
+        self.colors.forget()
+        self._mads.clear()
         self.curve = Curve(run.curve() if run is not None else ())
         self.snapshot_steps = run.snapshot_steps() if run is not None else []
         self.kept_step = run.kept_step if run is not None else None
@@ -315,7 +302,8 @@ class Workspace:
     def add_snapshot(self, snapshot: Snapshot) -> None:
         """Take in a snapshot of the run on show."""
         self._cache.put(snapshot)
-        self._extents = {key: size for key, size in self._extents.items() if key[1] != snapshot.step}
+        self.colors.forget(("step", snapshot.step))
+        self._mads.pop(("step", snapshot.step), None)
         if snapshot.step not in self.snapshot_steps:
             self.snapshot_steps = sorted([*self.snapshot_steps, snapshot.step])
         self._update_suggestion()
@@ -383,57 +371,40 @@ class Workspace:
             self._cache.put(found)
         return found
 
-    # -- colours ----------------------------------------------------------------------------------------------------
+    def snapshot_in_memory(self, step: int) -> Snapshot | None:
+        """Return a snapshot when it need not be read."""
+        return self._cache.get(step)
 
-    def set_coloring(self, **changes: Any) -> None:
-        """Change the colour policy."""
-        policy = replace(self.coloring, **changes)
-        if policy != self.coloring:
-            self.coloring = policy
-            self.coloring_changed.emit()
+    # -- what the panes show ------------------------------------------------------------------------------------------
 
-    def set_linked(self, linked: bool) -> None:
-        """Turn all panes together, or each by itself."""
-        if linked != self.linked:
-            self.linked = linked
-            self.linked_changed.emit()
+    def input_state(self) -> MeshState | None:
+        """Return what the input pane shows."""
+        return None if self.problem is None else MeshState("input", 0, self.problem.target)
 
-    def set_edges(self, edges: bool) -> None:
-        """Draw the edges of the triangles, or not."""
-        if edges != self.edges:
-            self.edges = edges
-            self.edges_changed.emit()
+    def predicted_state(self) -> MeshState | None:
+        """Return what the predicted pane shows, None for nothing (raises :class:`dmp.errors.RunError`)."""
+        if self.problem is not None and self.is_completion and self.filling_only:
+            return self.input_state()
+        return self._step_state()
 
-    def set_up(self, axis: UpAxis) -> None:
-        """Let another axis point up."""
-        if axis != self.up:
-            self.up = axis
-            self.up_changed.emit()
+    def judged_states(self) -> list[MeshState]:
+        """Return what the range of the colours is made for: the input, the shown step, and a result in the middle pane.
 
-    def values_of(self, positions: FloatArray) -> Values:
-        """Return the coloured values of positions of the open mesh, (V,), file units."""
-        assert self.problem is not None and self._normals is not None
-        return displacement_values(positions, self.problem.base, self._normals, self.coloring.quantity)
+        A flip to hole filling alone changes nothing in it, so that the colours can be compared. What cannot be read is left
+        out; that is told where it is drawn.
+        """
+        found = [self.input_state()]
+        for state in (self.comparison.state, self._step_state):
+            try:
+                found.append(state())
+            except DmpError:
+                continue
+        # The smoothed mesh and the truth are no results; what is far off on them must not fade what is judged.
+        return [state for state in found if state is not None and state.kind not in ("smoothed", "truth")]
 
-    def limits(self) -> Limits:
-        """Return the range shared by all panes, in file units, as the policy wants it."""
-        quantity = self.coloring.quantity
-        if self.problem is None:
-            return limits_for(quantity, [])
-        if quantity not in self._input_extent:
-            self._input_extent[quantity] = extent(self.values_of(self.problem.target)[self.problem.known])
-        wanted: Iterable[int] = [] if self.shown_step is None else [self.shown_step]
-        if self.coloring.range == "run":
-            # The untrained network's output is no part of what is judged.
-            wanted = [step for step in self.snapshot_steps if step > 0]
-        return limits_for(quantity, [self._input_extent[quantity], *(self._extent_at(step) for step in wanted)])
-
-    def _extent_at(self, step: int) -> float:
-        key = (self.coloring.quantity, step)
-        if key not in self._extents:
-            snapshot = self.snapshot(step)
-            self._extents[key] = extent(self.values_of(snapshot.vertices)) if snapshot is not None else 0.0
-        return self._extents[key]
+    def _step_state(self) -> MeshState | None:
+        snapshot = self.snapshot(self.shown_step) if self.shown_step is not None else None
+        return None if snapshot is None else MeshState("step", snapshot.step, snapshot.vertices)
 
     # -- holes ------------------------------------------------------------------------------------------------------
 
@@ -447,13 +418,6 @@ class Workspace:
         if filling_only != self.filling_only:
             self.filling_only = filling_only
             self.filling_only_changed.emit()
-
-    def shown_positions(self) -> FloatArray | None:
-        """Return what the predicted pane shows, (V, 3), None for nothing (raises :class:`dmp.errors.RunError`)."""
-        if self.problem is not None and self.is_completion and self.filling_only:
-            return self.problem.target
-        snapshot = self.snapshot(self.shown_step) if self.shown_step is not None else None
-        return None if snapshot is None else snapshot.vertices
 
     def hole_measures(self, step: int | None) -> Mapping[str, float]:
         """Return what was measured in the holes at a step, or of hole filling alone (None); empty while unknown."""
@@ -470,15 +434,19 @@ class Workspace:
 
     # -- ground truth -----------------------------------------------------------------------------------------------
 
-    def mad_of(self, positions: FloatArray) -> float | None:
-        """Return the mean angular difference of positions, (V, 3), to the ground truth in degrees, when there is one."""
-        truth = self.problem.ground_truth if self.problem is not None else None
-        return truth.mad(positions) if isinstance(truth, GroundTruth) else None
+    def mad_of(self, state: MeshState) -> float | None:
+        """Return the mean angular difference of a state to the ground truth in degrees, when there is one.
 
-    def mad_at(self, snapshot: Snapshot) -> float | None:
-        """Return the MAD of a snapshot, measured now when the ground truth came after the training."""
-        known = snapshot.metrics.get("mad")
-        return known if known is not None else self.mad_of(snapshot.vertices)
+        What was logged during the training is taken where it is there; the rest is measured once.
+        """
+        truth = self.problem.ground_truth if self.problem is not None else None
+        if not isinstance(truth, GroundTruth):
+            return None
+        if state.key not in self._mads:
+            snapshot = self._cache.get(state.number) if state.kind == "step" else None
+            logged = snapshot.metrics.get("mad") if snapshot is not None else None
+            self._mads[state.key] = truth.mad(state.positions) if logged is None else logged
+        return self._mads[state.key]
 
 
 def _free_settings(settings: Settings) -> dict[str, Any]:

@@ -37,6 +37,7 @@ class Opener(QObject):
         self._window = controller.window
         self._opening = 0
         self._start_wanted = False
+        self._continue_wanted = False
 
     @property
     def is_opening(self) -> bool:
@@ -50,7 +51,7 @@ class Opener(QObject):
 
     def forget_start(self) -> None:
         """Do not start after all, because something went wrong."""
-        self._start_wanted = False
+        self._start_wanted = self._continue_wanted = False
 
     def _open(self, text: str, work: Callable[[], Any], done: Callable[[Any], None], doing: str) -> None:
         self._opening += 1
@@ -79,7 +80,7 @@ class Opener(QObject):
                 f"Opening {path.name}",
             )
             return
-        settings = self._settings_for_opening()
+        settings = self.settings_for_opening()
         self._open(
             f"Reading and smoothing {path.name}…",
             lambda: tasks.open_mesh(path, ground_truth, settings),
@@ -96,7 +97,7 @@ class Opener(QObject):
         except DmpError as error:
             self._controller.tell_error(error)
             return
-        settings = self._settings_for_opening()
+        settings = self.settings_for_opening()
         if settings.task != found.task:
             self._window.panel.set_settings(settings_for(found.task, seed=settings.seed, device=settings.device))
         self.open_path(found.mesh_path, found.ground_truth_path)
@@ -106,7 +107,7 @@ class Opener(QObject):
         source = self._workspace.source
         if source is None or self._workspace.run is not None or self._controller.runner.state.is_active:
             return
-        settings = self._settings_for_opening()
+        settings = self.settings_for_opening()
         loops = self._workspace.holes.loops_to_fill()
         self._window.banners.clear()
         self._open("Setting up…", lambda: tasks.set_up(source, settings, loops), self._on_task_set_up, "Setting up")
@@ -130,18 +131,36 @@ class Opener(QObject):
             )
 
     def offer_interrupted_run(self) -> None:
-        """Offer to open the newest run when it ended without a word, as after a crash."""
+        """Offer to go on with the newest run that ended without a word, as after a crash; one at a time."""
 
-        def offer(runs: list[Run]) -> None:
-            if runs and runs[0].state == "interrupted" and self._workspace.problem is None:
-                run = runs[0]
-                text = f"The training of {run.name} was interrupted at step {run.last_step:,}. Nothing before it is lost."
-                self._controller.say(Message("info", text, action=("Open it", lambda: self.open_path(run.folder))))
+        def offer(found: list[tuple[Run, int]]) -> None:
+            if not found or self._workspace.problem is not None:
+                return
+            run, step = found[0]
+            others = {1: "", 2: " One more was interrupted, too."}
+            more = others.get(len(found), f" {len(found) - 1} more were interrupted, too.")
+            text = f"The training of {run.name} was interrupted at step {step:,}. Nothing before it is lost.{more}"
+            proceed = ("Continue", lambda: self.continue_run(run.folder))
+            discard = ("Discard notice", lambda: self._discard_notice(run))
+            self._controller.say(Message("info", text, action=proceed, other=discard))
+
+        def find() -> list[tuple[Run, int]]:
+            return [(run, run.last_step) for run in list_runs(folder) if run.state == "interrupted"]
 
         folder = self._controller.runs_folder
-        self._controller.background.submit("", lambda: list_runs(folder), offer, _log_failure)
+        self._controller.background.submit("", find, offer, _log_failure)
 
-    def _settings_for_opening(self) -> Settings:
+    def continue_run(self, folder: Path) -> None:
+        """Open a run and go on with it from its last checkpoint, if there is anything left to do."""
+        self._continue_wanted = True
+        self.open_path(folder)
+
+    def _discard_notice(self, run: Run) -> None:
+        """Count an interrupted run as stopped, so that it is not offered again, and offer the next one."""
+        self._controller.background.submit("", run.acknowledge, lambda _: self.offer_interrupted_run(), _log_failure)
+
+    def settings_for_opening(self) -> Settings:
+        """Return the settings of the panel, or the usual ones while a number is being typed."""
         try:
             return self._window.panel.settings()
         except DmpError:  # a number that is being typed must not keep a mesh from being opened
@@ -165,22 +184,34 @@ class Opener(QObject):
         self._workspace.holes.set_failed(opened.failed)
         self._remember(opened.source.path)
         self._tell_notes(opened.notes)
-        if self._settings_for_opening().task == "denoise":
+        if self.settings_for_opening().task == "denoise":
             self._controller.hole_control.offer_filling()
 
     def _on_run_opened(self, opened: tasks.OpenedRun) -> None:
         self._turn_up(opened.source)
+        self._controller.forget_told_warnings()
         self._workspace.open_run(opened.run, opened.problem, opened.source, opened.suggestion)
         self._window.panel.set_settings(opened.run.settings)
         self._remember(opened.run.folder)
-        if opened.run.state == "interrupted":
+        goes_on, self._continue_wanted = self._continue_wanted and self._workspace.controls.proceed, False
+        if goes_on:
+            self._controller.proceed()
+            self._controller.forget_told_warnings()
+        elif opened.run.state == "interrupted":
             step = f"{opened.run.last_step:,}"
             text = f"This run was interrupted at step {step}. Nothing before it is lost, and Continue goes on from there."
             self._controller.say(Message("info", text))
+        elif opened.run.reason:
+            self._controller.say(Message("error", f"This run failed. {opened.run.reason}"))
+        self._controller.tell_about_run(opened.run)
 
     def _on_task_set_up(self, opened: tasks.OpenedMesh) -> None:
         if opened.source is not self._workspace.source:
             return  # another mesh was opened meanwhile
+        self.show_opened(opened)
+
+    def show_opened(self, opened: tasks.OpenedMesh) -> None:
+        """Show a mesh that is set up, in place of the one on show."""
         self._workspace.open_problem(opened.problem, opened.source)
         self._workspace.holes.set_failed(opened.failed)
         self._tell_notes(opened.notes)
@@ -196,7 +227,7 @@ class Opener(QObject):
 
     def _turn_up(self, source: Source) -> None:
         wanted = source.up or self._controller.preferences.up
-        self._workspace.set_up("z" if wanted == "z" else "y")
+        self._workspace.look.set(up="z" if wanted == "z" else "y")
 
     def _tell_notes(self, notes: Sequence[str]) -> None:
         if notes:

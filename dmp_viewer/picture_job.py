@@ -7,8 +7,10 @@ from pathlib import Path
 
 from qtpy.QtCore import QObject, QTimer, Signal
 
+from dmp.errors import DmpError
 from dmp_viewer.controller import Controller
 from dmp_viewer.runner import Outcome
+from dmp_viewer.saving import save_picture
 from dmp_viewer.states import RunnerState
 
 
@@ -76,12 +78,16 @@ class PictureJob(QObject):
 
     def _take(self) -> None:
         self._controller.presenter.flush()
+        # The small pictures above the timeline are drawn in the background.
+        self._controller.scanner.wait(10.0)
         picture = self._controller.exporter.picture()
-        if picture.save(str(self._path)):
+        try:
+            save_picture(picture, self._path)
+        except DmpError as error:
+            print(f"dmp-viewer: {error}", file=sys.stderr)
+        else:
             # An error told while the last things were drawn is in the picture, and still an error.
             self.exit_code = 2 if self._failed else 0
-        else:
-            print(f"dmp-viewer: {self._path}: the picture cannot be written. Name a file ending in .png.", file=sys.stderr)
         self._leave()
 
     def _fail(self, text: str) -> None:

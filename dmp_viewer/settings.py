@@ -6,11 +6,13 @@ import json
 import logging
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import platformdirs
 
 from dmp.files import atomic_write_bytes
+from dmp_viewer.colors import Quantity, Unit
+from dmp_viewer.look import Shading
 
 _LOG = logging.getLogger(__name__)
 MOST_RECENT_FILES = 9
@@ -32,13 +34,17 @@ class Preferences:
         recent: paths of meshes and runs opened lately, newest first; a list, because any character may occur in a name.
         folder: where the last file was opened.
         quantity, range, unit: the colour policy.
+        outliers: whether the colours cover every vertex.
         edges: draw the edges of the triangles.
+        shading: ``flat`` or ``smooth``.
         up: the axis that points up, ``y`` or ``z``.
         log_axis: logarithmic axis of the curve.
         smoothing: strength of the curve's smoothing; 0 by default, because the prediction is an average over steps already, and
             a smoothed line has its minimum too late.
         show_panel: whether the run panel is open.
         show_curve: whether the curve is open.
+        show_thumbnails: whether the timeline has small pictures.
+        play_speed: snapshots per second when playing.
     """
 
     theme: str = "auto"
@@ -49,12 +55,16 @@ class Preferences:
     quantity: str = "magnitude"
     range: str = "step"
     unit: str = "edges"
+    outliers: bool = False
     edges: bool = False
+    shading: str = "flat"
     up: str = "y"
     log_axis: bool = True
     smoothing: float = 0.0
     show_panel: bool = True
     show_curve: bool = True
+    show_thumbnails: bool = True
+    play_speed: int = 5
 
     def add_recent(self, path: Path) -> None:
         """Put a path at the top of the recent files."""
@@ -68,9 +78,10 @@ class Preferences:
 
 _CHOICES: dict[str, tuple[str, ...]] = {
     "theme": ("auto", "light", "dark"),
-    "quantity": ("magnitude", "signed", "plain"),
+    "quantity": get_args(Quantity),
     "range": ("step", "run"),
-    "unit": ("edges", "file"),
+    "unit": get_args(Unit),
+    "shading": get_args(Shading),
     "up": ("y", "z"),
 }
 
@@ -113,4 +124,6 @@ def _fits(name: str, value: Any, default: Any) -> bool:
         )
     if isinstance(default, float):
         return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value <= 0.99
+    if name == "play_speed":
+        return type(value) is int and 1 <= value <= 1000
     return type(value) is type(default)

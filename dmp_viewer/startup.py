@@ -28,6 +28,8 @@ def log_path() -> Path:
 def start_log() -> None:
     """Write warnings and errors to the log file; without one the program works all the same."""
     _LOG.setLevel(logging.INFO)
+    # A log that cannot be written, as on a full disk, is no reason to print a traceback for each of its lines.
+    logging.raiseExceptions = False
     try:
         log_path().parent.mkdir(parents=True, exist_ok=True)
         handler = logging.handlers.RotatingFileHandler(

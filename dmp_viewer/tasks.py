@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dmp.errors import DmpError, MeshError, NoHolesError
+from dmp.errors import MeshError, NoHolesError, NoSphereError
 
 if TYPE_CHECKING:
     from dmp.boundary import BoundaryLoop
@@ -79,14 +80,17 @@ def set_up(source: Source, settings: Settings, loops: tuple[BoundaryLoop, ...] |
         settings: what to do and how.
         loops: the holes to fill, or None for the usual choice.
     """
-    from dmp.problem import denoising
     from dmp_viewer.holes import failures
 
     try:
         problem = _problem(source, settings, loops)
     except NoHolesError as error:
-        shown = denoising(source.mesh, replace(settings, task="denoise"))
-        return OpenedMesh(shown, source, (str(error),))
+        shown = set_up(source, replace(settings, task="denoise"))
+        return replace(shown, notes=(str(error), *shown.notes))
+    except NoSphereError as error:
+        # Nothing is wrong with the mesh, so it is shown; who starts all the same is told again.
+        shown = set_up(source, replace(settings, smoothing="laplacian"), loops)
+        return replace(shown, notes=(*shown.notes, str(error)))
     if problem.task != "complete":
         return OpenedMesh(problem, source, problem.notes)
     most, usual = settings.max_hole_edges, source.holes.usual_choice
@@ -135,9 +139,10 @@ def open_run(folder: Path) -> OpenedRun:
     run = Run.open(folder)
     problem = run.problem()
     path = run.input_path
-    name = path.stem if path is not None else run.name
+    # The stem of proposed file names: what a run calls itself must not lead into another folder.
+    name = re.sub(r"[^\w .,()+-]", "_", path.stem if path is not None else run.name).strip(". ")[:80] or "mesh"
     truth = problem.ground_truth.mesh if problem.ground_truth is not None else None
-    mesh = _before_filling(problem, path)
+    mesh = _before_filling(problem)
     holes = find_holes(mesh)
     if problem.task == "complete":
         holes = replace(holes, chosen_at_first=frozenset(range(len(holes.loops))) - still_open(holes, problem.mesh))
@@ -163,7 +168,15 @@ def start_session(
     # Before the folder is made, so that settings that cannot work leave no empty run behind.
     training = training_for(fresh, settings)
     folder = runs_folder / f"{source.name}_{uuid.uuid4().hex[:8]}" if runs_folder is not None else None
-    run = Run.create(fresh, settings, folder=folder, input_path=source.path, ground_truth_path=source.ground_truth_path)
+    run = Run.create(
+        fresh,
+        settings,
+        folder=folder,
+        input_path=source.path,
+        ground_truth_path=source.ground_truth_path,
+        name=source.name,
+        in_memory=True,
+    )
     training.run_id = run.run_id
     return _session(run, training)
 
@@ -178,9 +191,10 @@ def _session(run: Run, training: Training) -> Session:
     from dmp.runs import record
     from dmp_viewer.runner import Session
 
-    if run.settings.threads == 0:
+    # A run that is gone on with keeps its number of threads: sums over another one differ in their last digits.
+    if run.settings.threads == 0 and run.recorded_threads is None:
         training.threads = cores_beside_a_window()
-    return Session(run, training.problem, device_description(training.device).upper(), record(training, run))
+    return Session(run, run.problem(), device_description(training.device).upper(), record(training, run))
 
 
 def up_axis_of(path: Path | None) -> UpAxis | None:
@@ -193,28 +207,19 @@ def up_axis_of(path: Path | None) -> UpAxis | None:
         return None
 
 
-def _before_filling(problem: Problem, path: Path | None) -> TriangleMesh:
-    """Return the mesh as it was before its holes were filled: inserted vertices and faces come last.
-
-    A hole that needed faces only leaves no trace in the run, so the file itself is asked first, if it is still the same.
-    """
+def _before_filling(problem: Problem) -> TriangleMesh:
+    """Return the mesh as it was before its holes were filled: inserted vertices and faces come last."""
     import numpy as np
 
     from dmp.mesh import TriangleMesh
-    from dmp.meshio import read_mesh
 
     if problem.task != "complete":
         return problem.mesh
-    n_known = int(problem.known.sum())
-    vertices, faces = problem.mesh.vertices[:n_known], problem.mesh.faces
-    try:
-        mesh = read_mesh(path) if path is not None and path.is_file() else None
-    except DmpError:
-        mesh = None
-    if mesh is not None and mesh.n_vertices == n_known and np.array_equal(mesh.faces, faces[: mesh.n_faces]):
-        return mesh.with_vertices(vertices)
+    vertices, faces = problem.mesh.vertices[: int(problem.known.sum())], problem.mesh.faces
+    # Runs of earlier versions do not say how many faces there were.
     with_inserted = np.flatnonzero(~problem.known[faces].all(axis=1))
-    return TriangleMesh(vertices, faces[: with_inserted[0]] if len(with_inserted) else faces)
+    n_faces = problem.n_input_faces or (int(with_inserted[0]) if len(with_inserted) else len(faces))
+    return TriangleMesh(vertices, faces[:n_faces])
 
 
 def _absolute(path: Path | None) -> Path | None:

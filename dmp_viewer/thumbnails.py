@@ -42,7 +42,9 @@ def thumbnail(
     corners = np.column_stack([x, y, turned[:, 2]])[mesh.faces]
 
     sides = np.linalg.norm((corners - np.roll(corners, 1, axis=1))[..., :2], axis=-1).max(axis=1)
-    grid = _barycentric_grid(int(np.clip(np.percentile(sides, 98) * 1.5, 3, 24)))
+    side = float(np.percentile(sides, 98))
+    # Of triangles that are smaller than a pixel, their middles leave no gaps.
+    grid = np.full((1, 3), 1 / 3) if side < 0.7 else _barycentric_grid(int(np.clip(side * 1.5, 3, 24)))
     points = np.einsum("gk,fkc->fgc", grid, corners)
     pixel_x = np.clip(points[..., 0].astype(np.int64), 0, width - 1)
     pixel_y = np.clip(points[..., 1].astype(np.int64), 0, height - 1)

@@ -57,6 +57,8 @@ class Stage:
         controller = self.controller
         controller.window.close_guard = lambda: True
         controller.background.close()
+        controller.scanner.close()
+        controller.comparing.close()
         controller.presenter.close()
         controller.window.close()
 
@@ -77,6 +79,7 @@ def settle(controller: Controller) -> None:
         raise SystemExit("Opening a mesh takes too long.")
     controller.presenter.flush()
     pump(0.6)
+    controller.scanner.wait(60)
     controller.window.banners.clear()
     controller.presenter.flush()
     pump(0.3)
@@ -197,7 +200,7 @@ def dragon(folder: Path, meshes: Path) -> dict[str, QPixmap]:
         controller.window.panel.set_settings(settings_for("complete"))
         controller.opener.open_path(run)
         settle(controller)
-        controller.workspace.set_coloring(quantity="plain")
+        controller.workspace.colors.set(quantity="plain")
         controller.hole_control.look_at(min(controller.workspace.holes.filled))
         controller.workspace.holes.point_at(None)
         settle(controller)

@@ -42,6 +42,13 @@ def check_output(path: Path) -> None:
         raise MeshFileError(path, f"the folder {path.parent} cannot be written to", "Choose another folder.")
 
 
+def refuse_as_output(output: Path, *sources: Path | None) -> None:
+    """Refuse an output that is one of the files that are read (raises :class:`MeshFileError`)."""
+    for source in sources:
+        if source is not None and output.exists() and source.exists() and output.samefile(source):
+            raise MeshFileError(output, "this is the file that is read", "Name another one, so that it stays as it is.")
+
+
 def run_folder(named: Path) -> Path:
     """Return the folder itself, or the one of that name among the runs in the user's data folder."""
     from dmp.runs import default_runs_folder, is_run_folder

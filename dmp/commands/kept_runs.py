@@ -29,6 +29,8 @@ def resume(
     from dmp.runs import Run
 
     opened = Run.open(run_folder(run))
+    if change := opened.change_of_input():
+        say(change, quiet)
     check_keep(keep, opened.settings, has_truth=opened.problem().ground_truth is not None, last_step=steps)
     if output is not None:
         check_output(output)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,8 +13,8 @@ from types import FrameType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from dmp.errors import RunError, SettingsError
-from dmp.files import atomic_write_bytes
+from dmp.errors import MeshFileError, RunError, SettingsError, TrainingError
+from dmp.files import atomic_write_bytes, in_words
 from dmp.meshio import write_mesh
 from dmp.reporting import run_report
 from dmp.runs import Run, record
@@ -102,21 +103,38 @@ def train_into(run: Run, *, steps: int | None = None, quiet: bool = False, verbo
                     console.print(f"step {item.step}: " + ", ".join(f"{k} {v:.4g}" for k, v in item.metrics.items()))
                 if interrupted:
                     break
+        except TrainingError as error:
+            raise TrainingError(f"{error} {_how_to_save(run)}") from error
         finally:
             records.close()  # type: ignore[attr-defined]
+            for warning in run.warnings[shown_warnings:]:
+                console.print(f"Warning: {warning}", markup=False)
     return training.is_done
+
+
+def _how_to_save(run: Run) -> str:
+    """Tell what is left of a training that failed, and how to get it; what is only in memory is saved where it can be."""
+    steps = [step for step in run.snapshot_steps() if step > 0]
+    if not steps:
+        return "There is no earlier step to save."
+    if run.is_in_memory:
+        return f"Step {steps[-1]} was written to {_write_into_refuge(run, steps[-1])}."
+    return f"Step {steps[-1]} can be saved with 'dmp export {run.folder} --step {steps[-1]} -o FILE'."
 
 
 def save_result(run: Run, finished: bool, *, keep: str, output: Path | None, report: Path | None, quiet: bool) -> int:
     """Save the chosen step and the report of a finished training, or tell how to go on with an interrupted one."""
     console = Console(stderr=True, highlight=False, quiet=quiet, soft_wrap=True)
-    if not finished:
+    if not finished and not run.is_in_memory:
         console.print(
             f"Stopped at step {run.last_step}. Go on with 'dmp resume {run.folder}', or save what there is with "
             f"'dmp export {run.folder} -o FILE'.",
             markup=False,
         )
         return _EXIT_INTERRUPTED
+    if not finished:
+        # The run is gone with this process, so what there is has to be saved now.
+        keep = "last"
     step = choose_step(run, keep)
     suggestion = run.suggestion()
     if keep != "auto":
@@ -126,16 +144,45 @@ def save_result(run: Run, finished: bool, *, keep: str, output: Path | None, rep
         try:
             atomic_write_bytes(report, content)
         except OSError as error:
-            console.print(f"Warning: the report cannot be written to {report} ({error.strerror}).", markup=False)
+            console.print(f"Warning: the report cannot be written to {report}: {in_words(error)}.", markup=False)
     if output is not None:
-        notes = write_mesh(output, run.mesh_at(step))
+        output, notes = _write_somewhere(run, step, output)
         reason = f" {suggestion.reason}" if suggestion and keep == "auto" else ""
         console.print(" ".join((f"Step {step} written to {output}.{reason}", *notes)), markup=False)
-    if output is None:
+    elif run.is_in_memory:
+        console.print(f"Step {step} written to {_write_into_refuge(run, step)}.", markup=False)
+    else:
         console.print(f"Save it with 'dmp export {run.folder} -o FILE'.", markup=False)
     if measured := _measures(run.snapshot(step).metrics):
         console.print(f"Result at step {step}: {measured}")
-    return _EXIT_DONE
+    return _EXIT_DONE if finished else _EXIT_INTERRUPTED
+
+
+def _write_somewhere(run: Run, step: int, output: Path) -> tuple[Path, tuple[str, ...]]:
+    """Write the mesh of a step, and when that fails say how to get it all the same.
+
+    Returns:
+        where it was written, and the notes on it.
+
+    Raises:
+        MeshFileError: when it could not be written where it was wanted; the text says where it is.
+    """
+    mesh = run.mesh_at(step)
+    try:
+        return output, write_mesh(output, mesh)
+    except MeshFileError as error:
+        if not run.is_in_memory:
+            remedy = f"Nothing is lost: save it elsewhere with 'dmp export {run.folder} --step {step} -o FILE'."
+            raise MeshFileError(output, error.cause, remedy) from error
+        remedy = f"The mesh of step {step} was written to {_write_into_refuge(run, step)} instead."
+        raise MeshFileError(output, error.cause, remedy) from error
+
+
+def _write_into_refuge(run: Run, step: int) -> Path:
+    """Write the mesh of a step into the system's folder for temporary files, and return where."""
+    refuge = Path(tempfile.gettempdir()) / f"dmp_{run.run_id[:8]}_step{step}.ply"
+    write_mesh(refuge, run.mesh_at(step))
+    return refuge
 
 
 def _measures(values: Mapping[str, float]) -> str:

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dmp.formats.polygons import triangulate
+from dmp.formats.polygons import MAXIMUM_CORNERS, triangulate
 from dmp.formats.source import FormatError
+from dmp.formats.zero_runs import longest_zero_run, refuse_zero_run
 from dmp.geometry import face_areas
 from dmp.mesh import BoolArray, FloatArray, IntArray, TriangleMesh
 
@@ -18,6 +19,7 @@ _RESAVE = "Save or copy the file again from where it came from."
 _SMALLEST_DIAGONAL, _LARGEST_DIAGONAL = 1e-12, 1e12
 _FLAT_AREA = 1e-14
 _MANY_FLAT_FACES = 0.01
+_UNWRITTEN_FACES = 8
 
 
 @dataclass
@@ -79,6 +81,10 @@ def assemble(found: PolygonMesh) -> tuple[TriangleMesh, tuple[str, ...]]:
         corners, counts = corners[np.repeat(counts >= 3, counts)], counts[counts >= 3]
     used = _used(corners, n_vertices)
     diagonal = _check_extent(found.vertices if used.all() else found.vertices[used])
+    # Vertices without a face may well be at the origin, such as the points that a scanner did not hit.
+    refuse_zero_run(np.where(used[:, None], found.vertices, 1.0), found.first_index)
+    _refuse_unwritten_faces(found)
+    _refuse_large_faces(found)
     faces = triangulate(found.vertices, corners, counts)
     n_polygons = int(np.count_nonzero(counts > 3))
     if n_polygons:
@@ -99,6 +105,32 @@ def assemble(found: PolygonMesh) -> tuple[TriangleMesh, tuple[str, ...]]:
         attributes = {name: values[used] for name, values in attributes.items()}
         notes.append(f"Left out {n_vertices - len(vertices):,} of {n_vertices:,} vertices, which belong to no face.")
     return TriangleMesh(vertices, faces, attributes), tuple(notes)
+
+
+def _refuse_unwritten_faces(found: PolygonMesh) -> None:
+    """Refuse many faces in a row that only have the number 0 as corners: they were never written."""
+    if not (found.corners == 0).any():
+        return
+    filled = found.counts > 0
+    others = np.zeros(len(found.counts), dtype=np.int64)
+    others[filled] = np.add.reduceat(found.corners, (np.cumsum(found.counts) - found.counts)[filled])
+    others[~filled] = 1
+    start, length = longest_zero_run(others)
+    if length >= _UNWRITTEN_FACES:
+        raise FormatError(
+            f"{found.place(start)}: from here on {length:,} faces refer only to the first vertex, so they were never written",
+            _RESAVE,
+        )
+
+
+def _refuse_large_faces(found: PolygonMesh) -> None:
+    largest = int(found.counts.argmax())
+    n = int(found.counts[largest])
+    if n > MAXIMUM_CORNERS:
+        raise FormatError(
+            f"{found.place(largest)}: a face has {n:,} corners; at most {MAXIMUM_CORNERS:,} can be read",
+            "Split the large faces into triangles first, for example in MeshLab (Turn into a Pure-Triangular mesh).",
+        )
 
 
 def _used(indices: IntArray, n_vertices: int) -> BoolArray:

@@ -181,7 +181,9 @@ class _Reader:
             FormatError: when less was found than was said, or there are only lines or curves.
         """
         n_faces = sum(len(counts) for counts in self.counts)
-        for what, n_found in ((b"vertices", self.n_vertices), (b"faces", n_faces)):
+        # MeshLab counts triangles also where it writes larger polygons.
+        n_triangles = sum(int(counts.sum()) for counts in self.counts) - 2 * n_faces
+        for what, n_found in ((b"vertices", self.n_vertices), (b"faces", max(n_faces, n_triangles))):
             if said.get(what, 0) > n_found:
                 raise FormatError(
                     f"a comment tells of {said[what]:,} {what.decode()}, but the file holds {n_found:,}: it was cut off",
@@ -199,7 +201,7 @@ class _Reader:
                 notes.append(f"Left out {counted(n_left_out, singular, plural)}.")
         if any(self.left_out[keyword] for keyword in _TEXTURE):
             notes.append("Texture coordinates and normals of the file were left out.")
-        if unclosed_line[:1] in (b"v", b"f"):
+        if unclosed_line.strip() and not unclosed_line.lstrip().startswith(b"#"):
             notes.append(UNCLOSED_NOTE)
         first_faces = np.cumsum([0, *(len(counts) for counts in self.counts)])
 

@@ -1,4 +1,4 @@
-"""OFF as Geomview defines it, with its variants for colours, normals, texture and homogeneous coordinates, as text."""
+"""OFF as Geomview defines it, with its variants for colours, normals, texture and homogeneous coordinates."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dmp.formats.assemble import PolygonMesh
+from dmp.formats.off_binary import read_binary_off
 from dmp.formats.source import FormatError, SourceFile
-from dmp.formats.text import UNCLOSED_NOTE, NumberTable, NumberTableBuilder, TextBlocks, show, transcode
+from dmp.formats.text import UNCLOSED_NOTE, NumberTable, NumberTableBuilder, TextBlocks, show
 from dmp.mesh import FloatArray, IntArray, TriangleMesh
 
 # Geomview has the letters in the order ST, C, N, 4, n; MeshLab writes NCOFF. Only in capitals a small n means dimensions.
 KEYWORD = re.compile(rb"(?P<kinds>(?:ST|C|N|4){0,4})(?P<dimensions>n?)OFF|(?P<small_kinds>(?:st|c|n|4){0,4})off")
-_BINARY = re.compile(rb"\s*(?:#[^\n\r]*\s+)*\w*OFF\s+BINARY\b")
+_BINARY = re.compile(rb"\s*(?:#[^\n\r]*[\n\r]\s*)*\w*OFF[ \t]+BINARY\b")
 # Only after white space: some C libraries print what is not a number as "1.#IND".
 _REMARK = re.compile(rb"(?<!\S)#[^\n]*")
 _FACE_COLOUR_VALUES = (0, 1, 3, 4)
@@ -52,19 +53,17 @@ class _Cursor:
 
 
 def read_off(source: SourceFile) -> PolygonMesh:
-    """Read a text OFF file: OFF, COFF, NOFF, STOFF, 4OFF and their combinations.
+    """Read an OFF file: OFF, COFF, NOFF, STOFF, 4OFF and their combinations, as text or binary.
 
     Rows may be wrapped, and the keyword may be missing. Colours of vertices become the attribute ``color``, texture
     coordinates ``texture_u`` and ``texture_v``.
 
     Raises:
-        FormatError: with the line, when the counts do not fit to what follows or something is not a finite number; for
-            binary OFF, and for dimensions other than 3.
+        FormatError: with the line, when the counts do not fit to what follows or something is not a finite number, and
+            for dimensions other than 3.
     """
-    if _BINARY.match(transcode(source.head)):
-        raise FormatError(
-            "this is a binary OFF file; only text can be read", "Save it as text OFF or PLY in the program it came from."
-        )
+    if _BINARY.match(source.head):
+        return read_binary_off(source)
     builder = NumberTableBuilder()
     notes: list[str] = []
     keyword: bytes | None = None
@@ -246,6 +245,8 @@ def _read_wrapped_faces(rows: NumberTable, first: int, n_faces: int) -> tuple[In
     row_ends = (rows.starts + rows.counts).tolist()
     starts, counts, lines = [], [], []
     coloured = False
+    whole: set[tuple[int, bool]] = set()
+    broken: list[tuple[int, bool, int, int]] = []
     row = first
     for face in range(n_faces):
         if row >= len(row_starts):
@@ -259,9 +260,15 @@ def _read_wrapped_faces(rows: NumberTable, first: int, n_faces: int) -> tuple[In
                 f"line {line}: {size:g} is not a possible number of corners of a face", f"Correct the line. {_RESAVE}"
             )
         end = start + 1 + int(size)
+        first_row = row
         while row_ends[row] < end:
             row += 1
         surplus = row_ends[row] - end
+        if row > first_row:
+            shortest = min(row_ends[part] - row_starts[part] for part in range(first_row, row))
+            broken.append((int(size), surplus > 0, shortest, line))
+        else:
+            whole.add((int(size), surplus > 0))
         if surplus not in _FACE_COLOUR_VALUES:
             raise FormatError(
                 f"line {int(rows.lines[row])}: {surplus} values follow the {int(size)} corners; a colour has 1, 3 or 4",
@@ -272,12 +279,30 @@ def _read_wrapped_faces(rows: NumberTable, first: int, n_faces: int) -> tuple[In
         counts.append(int(size))
         lines.append(line)
         row += 1
+    _check_broken(whole, broken)
     if row < len(row_starts):
         raise FormatError(
             f"line {int(rows.lines[row])}: the file goes on after the last of the {n_faces:,} declared faces",
             f"The count is wrong, or the file is damaged. {_RESAVE}",
         )
     return np.array(starts, dtype=np.int64), np.array(counts, dtype=np.int64), np.array(lines, dtype=np.int64), coloured
+
+
+def _check_broken(whole: set[tuple[int, bool]], broken: list[tuple[int, bool, int, int]]) -> None:
+    """Refuse a face that is broken over several lines for no reason and is of another kind than all the others.
+
+    A number of corners that is damaged swallows the lines that follow.
+
+    Args:
+        whole: corners of the faces that stand on one line, and whether they have a colour.
+        broken: the same for the others, the fewest numbers on a line that is not their last one, and their line.
+    """
+    longest = max((size + 1 for size, _ in whole), default=0)
+    for size, coloured, shortest, line in broken:
+        if shortest < longest and (size, coloured) not in whole:
+            raise FormatError(
+                f"line {line}: a face with {size:,} corners goes on over the next lines, unlike all the others", _RESAVE
+            )
 
 
 def write_off(mesh: TriangleMesh) -> Iterator[bytes]:

@@ -31,6 +31,7 @@ from dmp.formats.ply_header import Element, Header, read_header
 from dmp.formats.ply_tables import Table, read_text_tables
 from dmp.formats.ply_writing import COLOUR, DISPLACEMENT, POSITION, TYPE_NAMES
 from dmp.formats.source import FormatError, SourceFile
+from dmp.formats.strips import unroll_strips
 from dmp.mesh import FloatArray, IntArray
 
 _INDEX_LISTS = ("vertex_indices", "vertex_index")
@@ -130,24 +131,9 @@ def _whole(values: NDArray, counts: IntArray, table: Table) -> IntArray:
 
 def _unroll_strips(found: PolygonMesh) -> None:
     """Replace triangle strips, several in a row when -1 stands between them, by their triangles."""
-    indices = found.corners
-    starts = np.zeros(len(indices), dtype=bool)
-    starts[(np.cumsum(found.counts) - found.counts)[found.counts > 0]] = True
-    separators = indices == -1
-    starts[1:] |= separators[:-1]
-    position = np.arange(len(indices))
-    since_start = position - np.maximum.accumulate(np.where(starts, position, 0))
-    # A triangle ends at each index that is the third or later of its strip; every other one is turned round.
-    last = np.flatnonzero((since_start >= 2) & ~separators)
-    first, second = last - 2 + (since_start[last] % 2), last - 1 - (since_start[last] % 2)
-    triangles = np.stack([indices[first], indices[second], indices[last]], axis=1)
-    # Strips are stitched together with triangles that use an index twice; those are no part of the surface.
-    stitches = (
-        (triangles[:, 0] == triangles[:, 1]) | (triangles[:, 1] == triangles[:, 2]) | (triangles[:, 2] == triangles[:, 0])
-    )
-    rows = np.searchsorted(np.cumsum(found.counts), last[~stitches], side="right")
+    triangles, rows = unroll_strips(found.corners, found.counts, separators=True)
     row_place = found.place
-    found.corners = triangles[~stitches].ravel()
+    found.corners = triangles.ravel()
     found.counts = np.full(len(rows), 3, dtype=np.int64)
     found.place = lambda triangle: row_place(int(rows[triangle]))
     found.notes.append(f"Split triangle strips into {counted(len(rows), 'triangle')}.")

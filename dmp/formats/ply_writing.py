@@ -50,30 +50,46 @@ def write_ply(mesh: TriangleMesh) -> Iterator[bytes]:
         yield faces.tobytes()
 
 
+def property_columns(name: str, values: NDArray) -> dict[str, NDArray]:
+    """Return the properties under which a vertex attribute, (V,) or (V, k), is written, little-endian, by name.
+
+    Raises:
+        FormatError: when its type or its name cannot stand in a PLY file.
+    """
+    stored = _stored(name, values)
+    if stored.ndim == 1:
+        parts = {name: stored}
+    else:
+        k = stored.shape[1]
+        if name == "color" and k in (3, 4):
+            names: tuple[str, ...] = COLOUR[:k]
+        elif name == "displacement" and k == 3:
+            names = DISPLACEMENT
+        else:
+            names = tuple(f"{name}_{index}" for index in range(k))
+        parts = {part: stored[:, index] for index, part in enumerate(names)}
+    for part in parts:
+        if part in POSITION or not re.fullmatch(r"[^\s\x00-\x1f\x7f]+", part):
+            raise _unnameable(name, part)
+    return parts
+
+
 def _columns(mesh: TriangleMesh) -> dict[str, NDArray]:
     """Return what is written for each vertex, by the name of its property, little-endian."""
     columns = {name: mesh.vertices[:, axis].astype("<f8") for axis, name in enumerate(POSITION)}
     for name, values in mesh.vertex_attributes.items():
-        stored = _stored(name, values)
-        if stored.ndim == 1:
-            parts = {name: stored}
-        else:
-            k = stored.shape[1]
-            if name == "color" and k in (3, 4):
-                names: tuple[str, ...] = COLOUR[:k]
-            elif name == "displacement" and k == 3:
-                names = DISPLACEMENT
-            else:
-                names = tuple(f"{name}_{index}" for index in range(k))
-            parts = {part: stored[:, index] for index, part in enumerate(names)}
-        for part, column in parts.items():
-            if part in columns or not re.fullmatch(r"[^\s\x00-\x1f\x7f]+", part):
-                raise FormatError(
-                    f"the vertex attribute '{name}' cannot be written, because PLY cannot hold a property named '{part}' here",
-                    "Rename the attribute, or save as OBJ without it.",
-                )
+        for part, column in property_columns(name, values).items():
+            if part in columns:
+                raise _unnameable(name, part)
             columns[part] = column
     return columns
+
+
+def _unnameable(name: str, part: str) -> FormatError:
+    return FormatError(
+        f"the vertex attribute '{name}' cannot be written, because PLY cannot hold a property named '{part}' here",
+        "Rename the attribute, or save as OBJ without it.",
+    )
 
 
 def _stored(name: str, values: NDArray) -> NDArray:

@@ -17,7 +17,7 @@ from dmp.mesh import BoolArray, FloatArray, IntArray
 
 _BATCH_CORNERS = 1 << 18
 _CLIPPING_BATCH_CORNERS = 1 << 16
-_MAXIMUM_CORNERS = 100_000
+MAXIMUM_CORNERS = 100_000
 _MAXIMUM_CONCAVE_CORNERS = 4096
 # Clipping takes about 50 ns times the square of the corners of each polygon: this is one to two seconds.
 _CLIPPING_BUDGET = 30_000_000
@@ -41,14 +41,14 @@ def triangulate(vertices: FloatArray, corners: IntArray, counts: IntArray) -> In
     """
     if (counts == 3).all():
         return corners.reshape(-1, 3)
-    if counts.max() > _MAXIMUM_CORNERS:
-        raise FormatError(f"a face has {int(counts.max()):,} corners; at most {_MAXIMUM_CORNERS:,} can be read", _SPLIT_FIRST)
+    if counts.max() > MAXIMUM_CORNERS:
+        raise FormatError(f"a face has {int(counts.max()):,} corners; at most {MAXIMUM_CORNERS:,} can be read", _SPLIT_FIRST)
     starts = np.cumsum(counts) - counts
     targets = starts - 2 * np.arange(len(counts))
     faces = np.empty((len(corners) - 2 * len(counts), 3), dtype=np.int64)
     concave: list[IntArray] = []
     order = np.argsort(counts, kind="stable")
-    bounds = np.flatnonzero(np.diff(counts[order], prepend=0, append=_MAXIMUM_CORNERS + 1))
+    bounds = np.flatnonzero(np.diff(counts[order], prepend=0, append=MAXIMUM_CORNERS + 1))
     for first, last in pairwise(bounds):
         n = int(counts[order[first]])
         step = max(1, _BATCH_CORNERS // n)

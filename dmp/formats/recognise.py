@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 import re
-from typing import Literal
 
+from dmp.formats.gltf_container import MAGIC as GLB_MAGIC
+from dmp.formats.names import NAMES, READ_SENTENCE, Format
 from dmp.formats.obj import STATEMENTS
 from dmp.formats.off import KEYWORD
 from dmp.formats.source import FormatError, SourceFile
 from dmp.formats.stl import FACET_BYTES, HEADER_BYTES, said_facets
 from dmp.formats.text import encoding_of, show, transcode
+from dmp.formats.vtk_legacy import MAGIC as VTK_MAGIC
 
-Format = Literal["obj", "ply", "stl", "text stl", "off"]
-
-READ_FORMATS = "OBJ, PLY, STL and OFF files can be read"
-_CONVERT = f"{READ_FORMATS}; convert it to one of them, for example in MeshLab."
-_NO_MESH = f"{READ_FORMATS}; choose one of them."
+_CONVERT = f"{READ_SENTENCE}; convert it to one of them, for example in MeshLab."
+_NO_MESH = f"{READ_SENTENCE}; choose one of them."
 
 # Beginnings of files that are no mesh or hold one in a format that is not read; the white space before is skipped.
 _OTHERS: tuple[tuple[bytes, str, str], ...] = (
-    (b"glTF", "a binary glTF file (GLB)", _CONVERT),
-    (b"PK\x03\x04", "a ZIP archive or a 3MF file", f"Unpack it first. {_CONVERT}"),
     (b"\x1f\x8b", "a gzip archive", "Unpack it first."),
     (b"BZh", "a bzip2 archive", "Unpack it first."),
     (b"\xfd7zXZ", "an xz archive", "Unpack it first."),
     (b"7z\xbc\xaf", "a 7-Zip archive", "Unpack it first."),
     (b"Rar!", "a RAR archive", "Unpack it first."),
-    (b"# vtk DataFile", "a VTK file", _CONVERT),
     (b"<!DOCTYPE", "a web page", "Download the mesh itself."),
     (b"<html", "a web page", "Download the mesh itself."),
-    (b"<VTKFile", "a VTK file", _CONVERT),
-    (b"<?xml", "an XML file, such as VTP, X3D or COLLADA", _CONVERT),
+    (b"<?xml", "an XML file, such as X3D or COLLADA", _CONVERT),
     (b"Kaydara FBX", "an FBX file", _CONVERT),
     (b"; FBX", "an FBX file", _CONVERT),
     (b"BLENDER", "a Blender file", "Export the mesh from Blender as PLY or OBJ."),
@@ -50,15 +45,19 @@ _OTHERS: tuple[tuple[bytes, str, str], ...] = (
 )
 _OTHER_TEXTS: tuple[tuple[bytes, str, str], ...] = (
     (b"<", "an XML file or a web page", _CONVERT),
-    (b"{", "a JSON file, such as glTF", _CONVERT),
+    (b"{", "a JSON file, but no glTF file", _CONVERT),
     (b"[", "a JSON file", _NO_MESH),
 )
 _OBJ_VERTEX = re.compile(rb"(?:^|[\r\n])[ \t]*v[ \t]+[+-]?\.?\d")
 _FACET = re.compile(rb"facet\s+normal\s", re.IGNORECASE)
 _OFF_KEYWORD = re.compile(rb"(?:" + KEYWORD.pattern + rb")(?=\s|$)")
 _NUMBER = re.compile(rb"[+-]?\.?\d")
-_NAMES = {"obj": "OBJ", "ply": "PLY", "stl": "STL", "text stl": "STL", "off": "OFF"}
-_BEGINNINGS = {".ply": "'ply'", ".off": "'OFF'", ".stl": "'solid'"}
+_ZIP_BEGINNINGS = (b"PK\x03\x04", b"PK\x05\x06")
+_GLTF_KEY = re.compile(rb'"(?:asset|accessors|bufferViews|buffers)"\s*:')
+_BEGINNINGS = {
+    **{".ply": "'ply'", ".off": "'OFF'", ".stl": "'solid'", ".glb": "'glTF'", ".gltf": "'{'"},
+    **{".3mf": "'PK', as ZIP archives do", ".vtp": "'<VTKFile'", ".vtk": "'# vtk DataFile'"},
+}
 
 
 def recognise(source: SourceFile) -> tuple[Format, tuple[str, ...]]:
@@ -68,11 +67,12 @@ def recognise(source: SourceFile) -> tuple[Format, tuple[str, ...]]:
         FormatError: when the content is of no format that can be read; it says which it looks like.
     """
     found = _by_content(source) or _by_extension(source)
-    name = _NAMES[found]
+    name = NAMES[found]
     if source.suffix == f".{name.lower()}":
         return found, ()
     if source.suffix:
-        return found, (f"The content is {name}, although the name ends in '{source.path.suffix}'.",)
+        shown = show(source.path.suffix.encode(errors="replace"))
+        return found, (f"The content is {name}, although the name ends in '{shown}'.",)
     return found, (f"The name has no extension; the content is {name}.",)
 
 
@@ -82,7 +82,17 @@ def _by_content(source: SourceFile) -> Format | None:
     # First of all, because the first 80 bytes of a binary STL file may be anything.
     if n_facets and source.size == HEADER_BYTES + FACET_BYTES * n_facets:
         return "stl"
+    if head.startswith(GLB_MAGIC):
+        return "glb"
+    if head.startswith(_ZIP_BEGINNINGS):
+        return "3mf"
     text = transcode(head).lstrip()
+    if text.startswith(VTK_MAGIC):
+        return "vtk"
+    if _first_element(text) == b"VTKFile":
+        return "vtp"
+    if text.startswith(b"{") and (_GLTF_KEY.search(text) or source.suffix == ".gltf"):
+        return "gltf"
     if re.match(rb"ply[ \t]*(?:[\r\n]|$)", text):
         return "ply"
     is_text = b"\0" not in text
@@ -132,6 +142,20 @@ def _by_extension(source: SourceFile) -> Format:
             "this is no OBJ file: it is not a text", "Check whether it is the right file; a text has to be UTF-8."
         )
     raise FormatError(f"the format is unknown{begins}", _CONVERT)
+
+
+def _first_element(text: bytes) -> bytes:
+    """Return the name of the first element of an XML text; nothing when it is no XML."""
+    position = 0
+    while text.startswith((b"<?", b"<!--"), position):
+        close = b"?>" if text.startswith(b"<?", position) else b"-->"
+        end = text.find(close, position)
+        if end < 0:
+            return b""
+        position = end + len(close)
+        position += len(text[position:]) - len(text[position:].lstrip())
+    match = re.compile(rb"<([\w.:-]+)").match(text, position)
+    return match[1] if match else b""
 
 
 def _first_statement(text: bytes) -> bytes:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import time
+import zlib
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -16,6 +18,8 @@ MAXIMUM_BYTES = 4 * 1000**3
 HEAD_BYTES = 1 << 16
 # No mesh holds so many zero bytes in a row; a copy that was broken off does, and a sparse file made to exhaust the memory.
 _ZERO_BLOCK_BYTES = 1 << 24
+# Times of modification come in steps, up to two seconds on some disks, so that they hide what happens within a step.
+_YOUNG = 10 * 10**9
 
 
 class FormatError(MeshError):
@@ -47,6 +51,8 @@ class SourceFile:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
+        self._is_young = False
+        self._read_blocks: list[tuple[int, int, int]] = []
         try:
             _check_regular(self.path.stat())
             # Should a pipe take the place of the file just now, the opening must not wait for someone to write into it.
@@ -60,6 +66,7 @@ class SourceFile:
             status = os.fstat(self._file.fileno())
             _check_regular(status)
             self._state = (status.st_size, status.st_mtime_ns)
+            self._is_young = time.time_ns() - status.st_mtime_ns < _YOUNG
             self.size = status.st_size
             if self.size == 0:
                 raise FormatError("the file is empty (0 bytes)", "Save or copy it again from where it came from.")
@@ -123,13 +130,21 @@ class SourceFile:
         """Refuse a file that was written to since it was opened.
 
         Raises:
-            FormatError: when size or time of modification differ from those at the opening.
+            FormatError: when size or time of modification differ from those at the opening, or, in a file that was written
+                to just before, what has been read reads differently now.
         """
+        changed = FormatError("the file was changed while it was being read", "Wait until it is complete, then open it again.")
         status = os.fstat(self._file.fileno())
         if (status.st_size, status.st_mtime_ns) != self._state:
-            raise FormatError("the file was changed while it was being read", "Wait until it is complete, then open it again.")
+            raise changed
+        blocks, self._read_blocks = self._read_blocks, []
+        for position, n_bytes, checksum in blocks:
+            self._file.seek(position)
+            if zlib.crc32(self._read(n_bytes)) != checksum:
+                raise changed
 
     def _read(self, n_bytes: int) -> bytes:
+        start = self._file.tell() if self._is_young else 0
         parts: list[bytes] = []
         missing = n_bytes
         while missing:
@@ -143,7 +158,10 @@ class SourceFile:
                 break
             parts.append(part)
             missing -= len(part)
-        return parts[0] if len(parts) == 1 else b"".join(parts)
+        content = parts[0] if len(parts) == 1 else b"".join(parts)
+        if self._is_young:
+            self._read_blocks.append((start, len(content), zlib.crc32(content)))
+        return content
 
 
 def _check_regular(status: os.stat_result) -> None:

@@ -9,15 +9,19 @@ from numpy.typing import NDArray
 
 from dmp.formats.assemble import PolygonMesh, counted
 from dmp.formats.source import FormatError, SourceFile
+from dmp.formats.weld import join_equal
+from dmp.formats.zero_runs import longest_zero_run
 from dmp.geometry import face_normals
-from dmp.mesh import IntArray, TriangleMesh
+from dmp.mesh import TriangleMesh
 
 HEADER_BYTES = 84
 FACET_BYTES = 50
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _FACETS = 1 << 19
-# An odd number without a pattern: 2^64 divided by the golden ratio, as in Knuth's multiplicative hashing.
-_MIXER = np.uint64(0x9E3779B97F4A7C15)
+# A lost sector of a disk has 512 bytes, so ten triangles.
+_UNWRITTEN_FACETS = 8
+# A stored normal fits when it is within 25 degrees of that of the corners.
+_RELIABLE, _FITTING, _FEW_WRONG = 100, 0.9, 0.25
 _RESAVE = "Save or copy the file again from where it came from."
 
 
@@ -46,9 +50,11 @@ def read_binary_stl(source: SourceFile) -> PolygonMesh:
         raise FormatError("the header declares that the file holds no triangles", _RESAVE)
     source.seek(HEADER_BYTES)
     points = np.empty((n_facets, 3, 3), dtype=np.float32)
+    normals = np.empty((n_facets, 3), dtype=np.float32)
     for begin in range(0, n_facets, _FACETS):
         n = min(_FACETS, n_facets - begin)
-        points[begin : begin + n] = np.frombuffer(source.read_exactly(n * FACET_BYTES), dtype=_FACET)["corners"]
+        facets = np.frombuffer(source.read_exactly(n * FACET_BYTES), dtype=_FACET)
+        points[begin : begin + n], normals[begin : begin + n] = facets["corners"], facets["normal"]
     good = np.isfinite(points).all(axis=(1, 2))
     if not good.all():
         facet = int(good.argmin())
@@ -63,17 +69,70 @@ def read_binary_stl(source: SourceFile) -> PolygonMesh:
             f"from byte {HEADER_BYTES + FACET_BYTES * written:,} on there are only zeros: it was never written completely",
             _RESAVE,
         )
+    start, length = longest_zero_run(points)
+    if length >= _UNWRITTEN_FACETS:
+        raise FormatError(
+            f"byte {HEADER_BYTES + FACET_BYTES * start:,}: {length:,} triangles in a row hold only zeros, "
+            "so a part of the file was never written",
+            _RESAVE,
+        )
     notes = []
     if surplus := source.size - expected:
         source.seek(expected)
-        rest = source.read_exactly(surplus)
-        if surplus >= FACET_BYTES and rest.strip(b"\0 \t\r\n\x1a"):
+        if source.read_exactly(surplus).strip(b"\0 \t\r\n\x1a"):
             raise FormatError(
-                f"byte {expected:,}: {surplus:,} bytes follow after the {n_facets:,} triangles that the header declares",
+                f"byte {expected:,}: {counted(surplus, 'byte')} follow after the {n_facets:,} triangles that are declared",
                 f"The count is wrong, or the file is damaged. {_RESAVE}",
             )
+        if not _is_normal(normals[-1:])[0]:
+            raise FormatError(
+                f"{counted(surplus, 'byte')} follow after the triangles, the last of which has a normal that is none, "
+                "so bytes were added or lost on the way",
+                _RESAVE,
+            )
         notes.append(f"Ignored {counted(surplus, 'byte')} after the end of the mesh.")
+    notes += _doubts(points, normals)
     return weld(points, lambda facet: f"byte {HEADER_BYTES + FACET_BYTES * facet:,}", notes)
+
+
+def _is_normal(normals: NDArray) -> NDArray[np.bool_]:
+    """Tell which normals (F, 3) have the length 1, or 0 as programs write that do not care."""
+    lengths = np.linalg.norm(normals.astype(np.float64), axis=1)
+    return (np.abs(lengths - 1) < 0.01) | (lengths == 0)
+
+
+def _doubts(points: NDArray, normals: NDArray) -> list[str]:
+    """Return a note when the normals of a few triangles do not fit to their corners, though those of the others do.
+
+    Where most do not fit, the program that wrote them did not care, and they tell nothing.
+
+    Args:
+        points: corners (F, 3, 3) float32, finite.
+        normals: as they stand in the file, (F, 3) float32.
+    """
+    n_checked = n_wrong = 0
+    first = -1
+    for begin in range(0, len(points), _FACETS):
+        corners = points[begin : begin + _FACETS].astype(np.float64)
+        stored = normals[begin : begin + _FACETS].astype(np.float64)
+        edges = corners[:, [1, 2, 0]] - corners
+        areas = np.cross(edges[:, 0], edges[:, 1])
+        area, longest = np.linalg.norm(areas, axis=1), np.linalg.norm(edges, axis=2).max(axis=1)
+        # Of a sliver, or far from the origin, single precision does not tell where it looks.
+        rounding = np.finfo(np.float32).eps * np.abs(corners).max(axis=(1, 2))
+        checked = (area > _RELIABLE * rounding * longest) & (area > 1e-6 * longest**2)
+        checked &= np.abs(np.linalg.norm(stored, axis=1) - 1) < 0.01
+        wrong = checked & ((areas * stored).sum(axis=1) < _FITTING * area)
+        if first < 0 and wrong.any():
+            first = begin + int(wrong.argmax())
+        n_checked += int(checked.sum())
+        n_wrong += int(wrong.sum())
+    if not 0 < n_wrong <= _FEW_WRONG * n_checked:
+        return []
+    return [
+        f"The normals of {n_wrong:,} of {counted(n_checked, 'triangle')} do not fit to their corners, the first at byte "
+        f"{HEADER_BYTES + FACET_BYTES * first:,}; the file may be damaged."
+    ]
 
 
 def weld(points: NDArray, place: Callable[[int], str], notes: list[str]) -> PolygonMesh:
@@ -81,35 +140,13 @@ def weld(points: NDArray, place: Callable[[int], str], notes: list[str]) -> Poly
 
     The vertices come in the order in which they first appear.
     """
-    corners = points.reshape(-1, 3) + points.dtype.type(0)  # -0 becomes 0, so that equal numbers have equal bytes
-    order = _order_of_equals(corners)
-    ordered = corners[order]
-    is_first = np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))
-    representatives = np.minimum.reduceat(order, np.flatnonzero(is_first))
-    ranks = np.empty(len(representatives), dtype=np.int64)
-    ranks[np.argsort(representatives)] = np.arange(len(representatives))
-    indices = np.empty(len(corners), dtype=np.int64)
-    indices[order] = ranks[np.cumsum(is_first) - 1]
-    vertices = corners[np.sort(representatives)].astype(np.float64)
+    corners = points.reshape(-1, 3)
+    first, indices = join_equal(corners)
+    vertices = corners[first].astype(np.float64) + 0.0  # no negative zeros
     notes.append(
         f"Joined {counted(len(corners), 'corner')} with equal coordinates into {counted(len(vertices), 'vertex', 'vertices')}."
     )
     return PolygonMesh(vertices, indices, np.full(len(points), 3, dtype=np.int64), place, notes=notes)
-
-
-def _order_of_equals(corners: NDArray) -> IntArray:
-    """Return an order of the rows (N, 3) in which equal ones stand side by side."""
-    bits = corners.view(np.uint32 if corners.dtype.itemsize == 4 else np.uint64).astype(np.uint64)
-    key = np.zeros(len(corners), dtype=np.uint64)
-    for axis in range(3):  # sorting one number that mixes the coordinates is several times faster than sorting rows
-        key = (key + bits[:, axis]) * _MIXER
-        key ^= key >> np.uint64(29)
-    order = np.argsort(key)
-    same_key = key[order][1:] == key[order][:-1]
-    ordered = corners[order]
-    if (same_key & (ordered[1:] != ordered[:-1]).any(axis=1)).any():
-        order = np.lexsort(corners.T)
-    return order
 
 
 def write_stl(mesh: TriangleMesh) -> Iterator[bytes]:

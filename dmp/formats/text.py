@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import re
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from dmp.mesh import FloatArray, IntArray
 
 NEWLINE = 10
 _BLOCK_BYTES = 1 << 22
-_NUMBER = re.compile(rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_NUMBER = re.compile(rb"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?")
 _INTEGER = re.compile(rb"[+-]?\d+")
 _DECIMAL_COMMA = re.compile(rb"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _NOT_FINITE = re.compile(rb"[+-]?(?:nan|inf|infinity|1\.#).*", re.IGNORECASE | re.DOTALL)
@@ -28,6 +29,24 @@ _BYTE_ORDER_MARKS = (
 )
 _RESAVE = "Save or copy it again from where it came from."
 UNCLOSED_NOTE = "The file does not end with a line break; if it was cut off, its last line is incomplete."
+
+
+def _faults_are_warnings() -> bool:
+    """Tell whether this release of NumPy only warns of texts that are no numbers, and returns those before."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            np.fromstring("1 x", sep=" ")
+        except ValueError:
+            return False
+    return True
+
+
+_FAULTS_ARE_WARNINGS = _faults_are_warnings()
+# A token that is no number as a whole.
+_STRANGE_NUMBER = re.compile(
+    rb"(?<![^\s])(?![+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?(?:\s|$)|[+-]?(?i:nan|inf|infinity)(?:\s|$))\S+"
+)
 
 
 def encoding_of(head: bytes) -> str:
@@ -139,6 +158,8 @@ def parse_all(text: bytes, expected: int, dtype: type) -> NDArray | None:
     try:
         values: NDArray = np.fromstring(text, dtype=dtype, sep=" ")
     except (ValueError, DeprecationWarning):
+        return None
+    if _FAULTS_ARE_WARNINGS and _STRANGE_NUMBER.search(text):
         return None
     return values if len(values) == expected else None
 

@@ -36,12 +36,14 @@ class Message:
         text: one or two sentences.
         details: what helps to find the cause, shown on demand; may be empty.
         action: text of a button and what it does, or None.
+        other: likewise of a second button, behind the first one.
     """
 
     kind: Kind
     text: str
     details: str = ""
     action: tuple[str, Callable[[], None]] | None = None
+    other: tuple[str, Callable[[], None]] | None = None
 
 
 class Banner(QFrame):
@@ -62,11 +64,12 @@ class Banner(QFrame):
         row.setSpacing(8)
         row.addWidget(self._sign, 0, Qt.AlignmentFlag.AlignTop)
         row.addWidget(self._text, 1)
-        if message.action is not None:
-            button = QPushButton(message.action[0], self)
-            button.clicked.connect(message.action[1])
-            button.clicked.connect(self.dismiss)
-            row.addWidget(button)
+        for action in (message.action, message.other):
+            if action is not None:
+                button = QPushButton(action[0], self)
+                button.clicked.connect(action[1])
+                button.clicked.connect(self.dismiss)
+                row.addWidget(button)
         self._details = QPlainTextEdit(message.details, self)
         self._details.setReadOnly(True)
         self._details.setFixedHeight(110)

@@ -52,6 +52,7 @@ class CurveLegend(QScrollArea):
         self._grid = QGridLayout()
         self._grid.setContentsMargins(0, 0, 6, 0)
         self._grid.setVerticalSpacing(0)
+        self._grid.setHorizontalSpacing(10)
         self._grid.setColumnStretch(0, 1)
         layout = QVBoxLayout(content)
         layout.setContentsMargins(4, 2, 4, 2)
@@ -60,40 +61,62 @@ class CurveLegend(QScrollArea):
         layout.addLayout(self._grid)
         layout.addStretch(1)
         self.setWidget(content)
+        self._other_heading = QLabel(content)
+        self._other_heading.setContentsMargins(6, 0, 0, 2)
+        self._other_heading.setWordWrap(True)
+        self._other_heading.hide()
+        layout.insertWidget(1, self._other_heading)
         self._buttons: dict[str, QCheckBox] = {}
         self._values: dict[str, QLabel] = {}
+        self._other_values: dict[str, QLabel] = {}
+        self._has_other = False
         # Wide enough for the longest name and value, so that nothing is cut when the values come.
         metrics = self.fontMetrics()
         longest = max(metrics.horizontalAdvance(measure.label) for measure in MEASURES)
-        self.setFixedWidth(longest + metrics.horizontalAdvance("00.00°") + 110)
+        self._width = longest + metrics.horizontalAdvance("00.00°") + 110
+        self._other_width = metrics.horizontalAdvance("0.0000°") + 12
+        self.setFixedWidth(self._width)
         self._theme = LIGHT
 
-    def set_measures(self, names: list[str], hidden: set[str]) -> None:
-        """List other measures."""
-        for widget in (*self._buttons.values(), *self._values.values()):
+    def set_other(self, name: str) -> None:
+        """Make room for the values of another run; an empty name takes them away."""
+        self._has_other = bool(name)
+        self._other_heading.setVisible(self._has_other)
+        self._other_heading.setText(f"○ right column: {name}")
+        self._other_heading.setToolTip(name)
+        self.setFixedWidth(self._width + (self._other_width if self._has_other else 0))
+
+    def set_measures(self, units: Mapping[str, str], hidden: set[str]) -> None:
+        """List other measures, each with its unit."""
+        for widget in (*self._buttons.values(), *self._values.values(), *self._other_values.values()):
             self._grid.removeWidget(widget)
             widget.deleteLater()
-        self._buttons, self._values = {}, {}
-        for row, name in enumerate(names):
+        self._buttons, self._values, self._other_values = {}, {}, {}
+        for row, (name, unit) in enumerate(units.items()):
             measure = MEASURE_BY_NAME[name]
             button = QCheckBox(measure.label)
             button.setChecked(name not in hidden)
             button.setIconSize(QSize(24, 14))
             button.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-            button.setToolTip(f"<p>{measure.help}</p><p>Click to show or hide.</p>")
+            counted = "It has no unit." if unit == "none" else f"In {unit}."
+            button.setToolTip(f"<p>{measure.help}</p><p>{counted} Click to show or hide.</p>")
             button.toggled.connect(lambda on, name=name: self._on_toggled(name, on))
-            value = QLabel()
-            value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
-            value.setMinimumWidth(QFontMetrics(value.font()).horizontalAdvance("0.0000°"))
             self._grid.addWidget(button, row, 0)
-            self._grid.addWidget(value, row, 1)
-            self._buttons[name], self._values[name] = button, value
+            self._buttons[name] = button
+            for column, labels in ((1, self._values), (2, self._other_values)):
+                value = QLabel()
+                value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+                value.setMinimumWidth(QFontMetrics(value.font()).horizontalAdvance("0.0000°"))
+                value.setVisible(column == 1 or self._has_other)
+                self._grid.addWidget(value, row, column)
+                labels[name] = value
 
-    def set_row(self, row: Mapping[str, float] | None, *, hovered: bool) -> None:
-        """Show the values of a logged step."""
+    def set_row(self, row: Mapping[str, float] | None, other: Mapping[str, float] | None, *, hovered: bool) -> None:
+        """Show the values of a logged step, and of the nearest one of another run."""
         self._heading.setText("" if row is None else f"{'Step' if hovered else 'Shown: step'} {int(row['step']):,}")
-        for name, label in self._values.items():
-            label.setText("" if row is None or name not in row else value_text(name, row[name]))
+        for values, labels in ((row, self._values), (other, self._other_values)):
+            for name, label in labels.items():
+                label.setText("" if values is None or name not in values else value_text(name, values[name]))
 
     def set_theme(self, theme: Theme) -> None:
         """Take the colours of a theme."""
@@ -104,6 +127,10 @@ class CurveLegend(QScrollArea):
     def value_shown(self, name: str) -> str:
         """Return the text beside a measure."""
         return self._values[name].text()
+
+    def other_value_shown(self, name: str) -> str:
+        """Return the text beside a measure for the other run."""
+        return self._other_values[name].text()
 
     def button(self, name: str) -> QCheckBox:
         """Return the check box of a measure."""

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import html
-import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
-import pyqtgraph as pg
-from qtpy.QtCore import QEvent, QObject, QPointF, Qt, QTimer, Signal
+from qtpy.QtCore import Qt, QTimer, Signal
 from qtpy.QtGui import QColor, QPalette, QResizeEvent
 from qtpy.QtWidgets import (
     QCheckBox,
@@ -23,20 +20,22 @@ from qtpy.QtWidgets import (
 )
 
 from dmp.settings import Settings
-from dmp_viewer.curve import EXPLANATIONS, MEASURE_BY_NAME, MEASURES, Curve, Reference, RunningAverage, unit_text
+from dmp_viewer.curve import EXPLANATIONS, MEASURE_BY_NAME, MEASURES, Curve, Reference, axis_text, unit_text
 from dmp_viewer.icons import icon
+from dmp_viewer.step_mark import StepMark
 from dmp_viewer.theme import LIGHT, Theme
-from dmp_viewer.views.curve_legend import CurveLegend, line_style
-from dmp_viewer.views.log_axis import LogAxis
+from dmp_viewer.views.curve_legend import CurveLegend
+from dmp_viewer.views.curve_plot import CurvePlot
 
 # A completion is judged by its movement; how well it meets what is known says little about the holes.
 _QUIET_IN_HOLES = ("data_loss", "laplacian_loss")
 _LOG_TIP = "Logarithmic axis for losses and errors; MAD keeps its own linear axis."
 _NO_LOG_TIP = "One of the drawn values is not above zero, which a logarithmic axis cannot show."
+_MOST_ADVICE_LINES = 3
 
 
 class CurvePanel(QWidget):
-    """Plot, legend with values, and markers.
+    """Plot, legend with values, and a sentence about the suggested step.
 
     Signals:
         stepClicked: the step under a click, as a float.
@@ -51,22 +50,18 @@ class CurvePanel(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._curve = Curve()
+        self._other: Curve | None = None
         self._settings: Settings | None = None
         self._theme: Theme = LIGHT
         self._log = True
-        self._strength = 0.0
         self._advice_step: int | None = None
         self._advice_reason = ""
-        self._raw: dict[str, pg.PlotDataItem] = {}
-        self._smooth: dict[str, pg.PlotDataItem] = {}
-        self._averages: dict[str, tuple[int, RunningAverage]] = {}
         self._hidden = {measure.name for measure in MEASURES if not measure.shown}
         self._shown_step: int | None = None
         self._hovered_step: float | None = None
         self._task = ""
         self._note = ""
         self._references: tuple[Reference, ...] = ()
-        self._levels: list[pg.InfiniteLine] = []
         self._build()
 
     # -- what is shown ------------------------------------------------------------------------------------------------
@@ -74,12 +69,22 @@ class CurvePanel(QWidget):
     def set_curve(self, curve: Curve, settings: Settings | None) -> None:
         """Draw a curve; called again with the same one when it has grown."""
         if curve is not self._curve:
-            self._averages.clear()
+            self.plot.forget_averages()
         self._curve, self._settings = curve, settings
         self._stack.setCurrentIndex(1 if len(curve) > 1 else 0)
-        names = curve.names()
-        if names != list(self._raw):
-            self._make_items(names)
+        if self._all_names() != self.plot.names:
+            self._make_lines()
+        self._draw_all()
+        self._update_readout()
+
+    def set_other(self, curve: Curve | None, name: str) -> None:
+        """Lay the curve of another run over this one; None takes it away."""
+        if curve is not None and curve is not self._other:
+            # What another method minimises cannot be compared; it is drawn when somebody asks for it.
+            self._hidden |= {name for name in curve.names() if name.endswith("_loss") and name not in self._curve.names()}
+        self._other = curve
+        self._legend.set_other(name if curve is not None else "")
+        self._make_lines()
         self._draw_all()
         self._update_readout()
 
@@ -94,9 +99,8 @@ class CurvePanel(QWidget):
         self._help.setAccessibleDescription(text)
         quiet = _QUIET_IN_HOLES if task in ("complete", "made-up-holes") else ()
         self._hidden = {measure.name for measure in MEASURES if not measure.shown or measure.name in quiet}
-        if self._raw:
-            self._legend.set_measures(list(self._raw), self._hidden)
-            self._legend.set_theme(self._theme)
+        if self.plot.names:
+            self._list_measures()
             self._draw_all()
             self._update_readout()
 
@@ -110,22 +114,19 @@ class CurvePanel(QWidget):
         """Draw level lines to compare measures with."""
         if references != self._references:
             self._references = references
-            self._draw_references()
+            self.plot.set_levels(references)
 
     def set_shown_step(self, step: int | None) -> None:
         """Move the line of the shown step."""
         self._shown_step = step
-        _place(self._shown_line, step)
+        self.plot.set_shown_step(step)
         self._update_readout()
 
-    def set_markers(
-        self, kept: int | None, suggested: int | None, reason: str, best: int | None, best_text: str = "best MAD"
-    ) -> None:
-        """Mark the kept step, the suggested step with its reason, and the best step by the ground truth."""
-        self._markers["best"].label.setFormat(best_text)
-        for name, step in (("kept", kept), ("suggested", suggested), ("best", best)):
-            _place(self._markers[name], step)
-        self._advice_step, self._advice_reason = suggested, reason
+    def set_marks(self, marks: Sequence[StepMark], reason: str = "") -> None:
+        """Mark the steps that matter; the reason for the suggested one is written above the plot."""
+        self.plot.set_marks(marks)
+        self._advice_step = next((mark.step for mark in marks if mark.name == "suggested"), None)
+        self._advice_reason = reason if self._advice_step is not None else ""
         self._write_advice()
 
     def set_log_axis(self, logarithmic: bool) -> None:
@@ -136,33 +137,17 @@ class CurvePanel(QWidget):
 
     def set_smoothing(self, strength: float) -> None:
         """Smooth the drawn lines by a running average; the measured values stay visible, faintly."""
-        self._strength = min(max(strength, 0.0), 0.99)
-        self._smoothing.setValue(round(self._strength * 100))
-        self._smoothing_text.setText(f"{self._strength:.2f}")
-        self._averages.clear()
+        self.plot.strength = min(max(strength, 0.0), 0.99)
+        self._smoothing.setValue(round(self.plot.strength * 100))
+        self._smoothing_text.setText(f"{self.plot.strength:.2f}")
+        self.plot.forget_averages()
         self._draw_all()
 
     def set_theme(self, theme: Theme) -> None:
         """Take the colours of a theme."""
         self._theme = theme
-        self._plot.setBackground(theme.base)
-        for side in ("left", "bottom", "right"):
-            axis = self._plot.getAxis(side)
-            axis.setPen(theme.line)
-            axis.setTextPen(theme.subtle)
-        self._plot.showGrid(x=True, y=True, alpha=0.22)
-        for name, color, style in (
-            ("kept", theme.kept, Qt.PenStyle.SolidLine),
-            ("suggested", theme.suggested, Qt.PenStyle.DashLine),
-            ("best", theme.best, Qt.PenStyle.DotLine),
-        ):
-            self._markers[name].setPen(pg.mkPen(color, width=1.5, style=style))
-            self._markers[name].label.setColor(color)
-        self._shown_line.setPen(pg.mkPen(theme.text, width=1.5))
-        self._hover_line.setPen(pg.mkPen(theme.subtle, width=1, style=Qt.PenStyle.DotLine))
-        for name in self._raw:
-            self._style(name)
-        self._draw_references()
+        self.plot.set_theme(theme)
+        self.plot.set_levels(self._references)
         self._legend.set_theme(theme)
         self._write_advice()
         self._help.setIcon(icon("help", theme, color=theme.subtle))
@@ -179,7 +164,7 @@ class CurvePanel(QWidget):
 
     def drawn_names(self) -> list[str]:
         """Return the measures that are drawn now."""
-        return [name for name in self._raw if name not in self._hidden]
+        return [name for name in self.plot.names if name not in self._hidden]
 
     @property
     def advice(self) -> str:
@@ -189,43 +174,11 @@ class CurvePanel(QWidget):
     # -- building -----------------------------------------------------------------------------------------------------
 
     def _build(self) -> None:
-        self._plot = pg.PlotWidget(viewBox=_RoomyViewBox(), axisItems={"left": LogAxis("left")})
-        self._plot.setAccessibleName("Training curve")
-        self._plot.setMenuEnabled(False)
-        self._plot.hideButtons()
-        self._plot.setMouseEnabled(x=True, y=False)
-        self._plot.setLabel("bottom", "Step")
-        for side in ("left", "bottom", "right"):
-            self._plot.getAxis(side).enableAutoSIPrefix(False)
-        self._plot.setToolTip("Click to show the nearest snapshot. Wheel and drag: look closer. Double click: see everything.")
-        box = self._plot.getViewBox()
-        box.setAutoVisible(y=True)
-        box.setDefaultPadding(0.03)
-        # Degrees have their own axis at the right, in a second view over the first.
-        self._degrees = pg.ViewBox(enableMenu=False, enableMouse=False)
-        self._degrees.setDefaultPadding(0.06)
-        self._plot.scene().addItem(self._degrees)
-        self._plot.getAxis("right").linkToView(self._degrees)
-        self._degrees.setXLink(self._plot.getPlotItem())
-        box.sigResized.connect(self._align_views)
-        box.sigResized.connect(self._make_headroom)
-        self._shown_line = pg.InfiniteLine(angle=90, movable=False)
-        self._hover_line = pg.InfiniteLine(angle=90, movable=False)
-        self._markers = {
-            name: pg.InfiniteLine(angle=90, movable=False, label=text, labelOpts={"anchors": [(0, 0.5), (1, 0.5)]})
-            for name, text in (("kept", "kept"), ("suggested", "suggested"), ("best", "best MAD"))
-        }
-        for line in (*self._markers.values(), self._shown_line, self._hover_line):
-            line.setZValue(20)
-            line.hide()
-            self._plot.addItem(line, ignoreBounds=True)
-        self._plot.scene().sigMouseMoved.connect(self._on_mouse_moved)
-        self._plot.scene().sigMouseClicked.connect(self._on_mouse_clicked)
-        self._plot.viewport().installEventFilter(self)
-
+        self.plot = CurvePlot()
+        self.plot.hovered.connect(self._on_plot_hovered)
+        self.plot.clicked.connect(self._on_plot_clicked)
         self._legend = CurveLegend()
         self._legend.toggled.connect(self._on_legend_toggled)
-
         title = QLabel("Training curve")
         font = title.font()
         font.setBold(True)
@@ -235,7 +188,8 @@ class CurvePanel(QWidget):
         self._help.setAccessibleName("What the curve shows")
         self._advice = QLabel()
         self._advice.setTextFormat(Qt.TextFormat.RichText)
-        self._advice.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
+        self._advice.setWordWrap(True)
+        self._advice.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Minimum)
         self._advice.setTextInteractionFlags(
             Qt.TextInteractionFlag.LinksAccessibleByMouse | Qt.TextInteractionFlag.LinksAccessibleByKeyboard
         )
@@ -265,7 +219,7 @@ class CurvePanel(QWidget):
         row = QHBoxLayout(full)
         row.setContentsMargins(0, 0, 0, 0)
         row.setSpacing(0)
-        row.addWidget(self._plot, 1)
+        row.addWidget(self.plot, 1)
         row.addWidget(self._legend)
         self._empty = QLabel()
         self._empty.setWordWrap(True)
@@ -291,187 +245,75 @@ class CurvePanel(QWidget):
         self.setMinimumHeight(130)
         self.set_task("denoise")
 
-    def _make_items(self, names: list[str]) -> None:
-        for items in (self._raw, self._smooth):
-            for name, item in items.items():
-                (self._degrees if MEASURE_BY_NAME[name].unit == "degrees" else self._plot).removeItem(item)
-            items.clear()
-        self._averages.clear()
-        for name in names:
-            for items in (self._raw, self._smooth):
-                item = pg.PlotDataItem(skipFiniteCheck=False)
-                items[name] = item
-                if MEASURE_BY_NAME[name].unit == "degrees":
-                    self._degrees.addItem(item)
-                else:
-                    self._plot.addItem(item)
-            self._style(name)
-        self._legend.set_measures(names, self._hidden)
+    # -- drawing ------------------------------------------------------------------------------------------------------
+
+    def _all_names(self) -> list[str]:
+        """Return what is measured in one of both runs, in the order of :data:`MEASURES`."""
+        found = {*self._curve.names(), *(self._other.names() if self._other is not None else ())}
+        return [measure.name for measure in MEASURES if measure.name in found]
+
+    def _make_lines(self) -> None:
+        self.plot.set_hidden(self._hidden)
+        self.plot.set_names(self._all_names())
+        self.plot.set_other(self._other)
+        self._list_measures()
+
+    def _list_measures(self) -> None:
+        units = {name: unit_text(MEASURE_BY_NAME[name].unit, self._settings) for name in self.plot.names}
+        self._legend.set_measures(units, self._hidden)
         self._legend.set_theme(self._theme)
 
-    def _style(self, name: str) -> None:
-        color = QColor(self._theme.curves[name])
-        visible = name not in self._hidden
-        faint = QColor(color)
-        faint.setAlphaF(0.28)
-        smoothed = self._strength > 0
-        style = Qt.PenStyle.SolidLine if smoothed else line_style(name)
-        self._raw[name].setPen(pg.mkPen(faint if smoothed else color, width=1.2 if smoothed else 1.8, style=style))
-        self._smooth[name].setPen(pg.mkPen(color, width=1.8, style=line_style(name)))
-        self._raw[name].setVisible(visible)
-        self._smooth[name].setVisible(visible and smoothed)
-
-    def _draw(self, name: str) -> None:
-        self._style(name)
-        if name in self._hidden:
-            return
-        steps, values = self._curve.series(name)
-        self._raw[name].setData(steps, values)
-        if self._strength > 0:
-            generation, average = self._averages.get(name, (-1, RunningAverage(self._strength)))
-            if generation != self._curve.generation:
-                average = RunningAverage(self._strength)
-                self._averages[name] = (self._curve.generation, average)
-            self._smooth[name].setData(steps, average.follow(values))
-
-    def _update_axes(self) -> None:
-        drawn = self.drawn_names()
-        degrees = [name for name in drawn if MEASURE_BY_NAME[name].unit == "degrees"]
-        self._plot.showAxis("right", bool(degrees))
-        self._plot.getAxis("right").setLabel("MAD (degrees)" if degrees == ["mad"] else "Degrees")
-        units = {unit_text(MEASURE_BY_NAME[name].unit, self._settings) for name in drawn if name not in degrees}
-        # Values of different units on one axis are told apart by the legend only.
-        self._plot.setLabel("left", units.pop().capitalize() if len(units) == 1 else "Value")
-        self._align_views()
-
     def _draw_all(self) -> None:
-        self._apply_log_mode()
-        for name in self._raw:
-            self._draw(name)
-        self._draw_references()
-        self._update_axes()
-
-    def _draw_references(self) -> None:
-        for line in self._levels:
-            self._plot.removeItem(line)
-        self._levels = []
-        logarithmic = self._plot.getAxis("left").logMode
-        for reference in self._references:
-            if reference.name not in self.drawn_names() or (logarithmic and reference.value <= 0):
-                continue
-            color = QColor(self._theme.curves[reference.name])
-            line = pg.InfiniteLine(
-                pos=math.log10(reference.value) if logarithmic else reference.value, angle=0, movable=False,
-                pen=pg.mkPen(color, width=1, style=Qt.PenStyle.DotLine),
-                label=reference.label, labelOpts={"position": 0.02, "anchors": [(0, 1), (0, 1)], "color": color},
-            )  # fmt: skip
-            line.setZValue(10)
-            self._plot.addItem(line)
-            self._levels.append(line)
-
-    def _apply_log_mode(self) -> None:
         left = [name for name in self.drawn_names() if MEASURE_BY_NAME[name].unit != "degrees"]
-        possible = all(self._curve.lowest(name) > 0 for name in left)
+        curves = [self._curve] if self._other is None else [self._curve, self._other]
+        possible = all(curve.lowest(name) > 0 for name in left for curve in curves)
         self._log_box.setEnabled(possible)
         self._log_box.setToolTip(_LOG_TIP if possible else _NO_LOG_TIP)
-        self._plot.setLogMode(x=False, y=self._log and possible)
-        # The plot gives its mode to both vertical axes; degrees stay linear.
-        self._plot.getAxis("right").setLogMode(False)
-
-    def _align_views(self) -> None:
-        self._degrees.setGeometry(self._plot.getViewBox().sceneBoundingRect())
-        self._degrees.linkedViewChanged(self._plot.getViewBox(), self._degrees.XAxis)
-
-    def _make_headroom(self) -> None:
-        """Give the names of the markers one line each above the curves, however high the plot is."""
-        box = self._plot.getViewBox()
-        height = max(1.0, box.height())
-        line = self.fontMetrics().height() - 1
-        box.headroom = min(0.8, len(self._markers) * line / max(1.0, height - len(self._markers) * line))
-        for row, marker in enumerate(self._markers.values()):
-            marker.label.setPosition(1 - (row + 0.5) * line / height)
-        box.updateAutoRange()
+        self.plot.set_hidden(self._hidden)
+        degrees = [name for name in self.drawn_names() if name not in left]
+        right = ("MAD (degrees)" if degrees == ["mad"] else "Degrees") if degrees else ""
+        self.plot.set_axes(axis_text(left, self._settings), right, logarithmic=self._log and possible)
+        self.plot.draw(self._curve)
+        self.plot.set_levels(self._references)
 
     def _update_readout(self) -> None:
         step = self._hovered_step if self._hovered_step is not None else self._shown_step
         row: Mapping[str, float] | None = None if step is None else self._curve.nearest(step)
-        self._legend.set_row(row, hovered=self._hovered_step is not None)
+        other = None if step is None or self._other is None else self._other.nearest(step)
+        self._legend.set_row(row, other, hovered=self._hovered_step is not None)
 
     def _write_advice(self) -> None:
-        step = self._advice_step
-        if self._note:
-            metrics = self._advice.fontMetrics()
-            shown = metrics.elidedText(self._note, Qt.TextElideMode.ElideRight, max(0, self._advice.width() - 4))
-            self._advice.setText(f'<span style="color:{self._theme.subtle}">{html.escape(shown)}</span>')
-            self._advice.setToolTip(self._note)
-            return
-        if step is None:
-            self._advice.setText("")
-            return
-        link = f'<a style="color:{self._theme.suggested}" href="{step}">step {step:,}</a>'
-        # A label cuts rich text in the middle of a letter, so the reason is cut here.
+        """Say it in a few lines; where there is no room for all of it, its end is in the tool tip only."""
+        self._advice.setToolTip(f"<p>{html.escape(self.advice)}</p>" if self.advice else "")
+        lead, plain = "", ""
+        if not self._note and self._advice_step is not None:
+            plain = f"Suggested: step {self._advice_step:,}. "
+            link = f'<a style="color:{self._theme.suggested}" href="{self._advice_step}">step {self._advice_step:,}</a>'
+            lead = f"Suggested: {link}. "
         metrics = self._advice.fontMetrics()
-        room = self._advice.width() - metrics.horizontalAdvance(f"Suggested: step {step:,}. ") - 4
-        reason = metrics.elidedText(self._advice_reason, Qt.TextElideMode.ElideRight, max(0, room))
-        self._advice.setText(f'Suggested: {link}. <span style="color:{self._theme.subtle}">{html.escape(reason)}</span>')
-        self._advice.setToolTip(self._advice_reason)
+        # A line loses about a word where it is broken.
+        width = max(60, self._advice.width())
+        room = round(_MOST_ADVICE_LINES * width * 0.85 if metrics.horizontalAdvance(plain + self.advice) > width else width)
+        text = metrics.elidedText(self.advice, Qt.TextElideMode.ElideRight, max(0, room - metrics.horizontalAdvance(plain)))
+        self._advice.setText(f'{lead}<span style="color:{self._theme.subtle}">{html.escape(text)}</span>' if text else lead)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Cut the advice to the new width, once the layout knows it."""
         super().resizeEvent(event)
         QTimer.singleShot(0, self, self._write_advice)
 
-    # -- mouse --------------------------------------------------------------------------------------------------------
+    # -- what the user does -------------------------------------------------------------------------------------------
 
-    def _step_at(self, position: QPointF) -> float | None:
-        box = self._plot.getViewBox()
-        if not box.sceneBoundingRect().contains(position) or not len(self._curve):
-            return None
-        return float(box.mapSceneToView(position).x())
-
-    def _on_mouse_moved(self, position: QPointF) -> None:
-        step = self._step_at(position)
+    def _on_plot_hovered(self, step: float | None) -> None:
         row = None if step is None else self._curve.nearest(step)
         self._hovered_step = None if row is None else row["step"]
-        _place(self._hover_line, self._hovered_step)
+        self.plot.set_hovered_step(self._hovered_step)
         self._update_readout()
 
-    def _on_mouse_clicked(self, event: pg.GraphicsScene.mouseEvents.MouseClickEvent) -> None:
-        if event.button() is not Qt.MouseButton.LeftButton:
-            return
-        if event.double():
-            self._plot.enableAutoRange()
-            return
-        step = self._step_at(event.scenePos())
-        if step is not None:
+    def _on_plot_clicked(self, step: float) -> None:
+        if len(self._curve):
             self.stepClicked.emit(step)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Forget the crosshair when the mouse leaves the plot."""
-        if event.type() == QEvent.Type.Leave:
-            self._hovered_step = None
-            self._hover_line.hide()
-            self._update_readout()
-        return super().eventFilter(watched, event)
 
     def _on_legend_toggled(self, name: str, visible: bool) -> None:
         (self._hidden.discard if visible else self._hidden.add)(name)
         self._draw_all()
-
-
-class _RoomyViewBox(pg.ViewBox):
-    """A view with room above the lines, where the markers have their names."""
-
-    headroom = 0.0
-
-    def childrenBounds(self, *args: Any, **options: Any) -> list[Any]:
-        x_range, y_range = super().childrenBounds(*args, **options)
-        if y_range is not None:
-            y_range = [y_range[0], y_range[1] + self.headroom * (y_range[1] - y_range[0])]
-        return [x_range, y_range]
-
-
-def _place(line: pg.InfiniteLine, step: float | None) -> None:
-    line.setVisible(step is not None)
-    if step is not None:
-        line.setValue(step)

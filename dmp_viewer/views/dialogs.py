@@ -83,6 +83,11 @@ class KeysDialog(QDialog):
             ("View", "Turn all meshes", "Drag"),
             ("View", "Move", "Shift+drag, or middle button"),
             ("View", "Closer or further away", "Wheel, or right button"),
+            ("View", "Pick a vertex", "Click"),
+            ("View", "Move the swipe line; the lens follows the mouse", "Drag"),
+            ("View", "Type the range of the colours", "Double click on the colours"),
+            ("View", "Show the input for a moment", "Hold A"),
+            ("Timeline", "Why a step is marked", "Rest on its mark"),
             ("Curve", "Show the nearest snapshot", "Click"),
             ("Curve", "Closer, everything", "Wheel, double click"),
         ]

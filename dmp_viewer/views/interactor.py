@@ -17,11 +17,13 @@ from collections.abc import Iterable
 from typing import Any
 
 from pyvistaqt import QtInteractor
-from qtpy.QtCore import Signal
-from qtpy.QtGui import QKeyEvent
+from qtpy.QtCore import QPoint, Qt, Signal
+from qtpy.QtGui import QKeyEvent, QMouseEvent
 from qtpy.QtWidgets import QWidget
 
 N_PANES = 3
+# A hand that moves less than this between press and release has clicked, not dragged.
+_STILL_PIXELS = 3
 
 
 class Interactor(QtInteractor):
@@ -30,10 +32,14 @@ class Interactor(QtInteractor):
     Signals:
         painted: after each paint, with the indices of the panes that were drawn.
         resized: the widget has another size.
+        clicked: where the left button was pressed and released without a move, a point.
+        hovered: where the mouse is, a point.
     """
 
     painted = Signal(object)
     resized = Signal()
+    clicked = Signal(QPoint)
+    hovered = Signal(QPoint)
 
     def __init__(self, parent: QWidget, *, multi_samples: int) -> None:
         super().__init__(
@@ -42,6 +48,7 @@ class Interactor(QtInteractor):
         self.setAcceptDrops(False)
         self.reset_key_events()
         self._marked: set[int] = set()
+        self._pressed: QPoint | None = None
         # Rendering on each mouse move would draw twice; the move asks for a paint instead.
         self._Iren.EnableRenderOff()
         self._render_observer = self._Iren.AddObserver("RenderEvent", self._on_interaction)
@@ -81,6 +88,25 @@ class Interactor(QtInteractor):
         """Draw everything when the widget comes into view."""
         self._marked = set(range(N_PANES))
         super().showEvent(event)
+
+    def mousePressEvent(self, event: QMouseEvent) -> None:
+        """Turn the view from here on, unless it becomes a click."""
+        plain = event.button() == Qt.MouseButton.LeftButton and not event.modifiers()
+        self._pressed = event.position().toPoint() if plain else None
+        super().mousePressEvent(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent) -> None:
+        """Tell where the mouse is."""
+        super().mouseMoveEvent(event)
+        self.hovered.emit(event.position().toPoint())
+
+    def mouseReleaseEvent(self, event: QMouseEvent) -> None:
+        """Tell a click from a drag."""
+        super().mouseReleaseEvent(event)
+        place = event.position().toPoint()
+        if self._pressed is not None and (place - self._pressed).manhattanLength() <= _STILL_PIXELS:
+            self.clicked.emit(place)
+        self._pressed = None
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Leave keys to the window."""

@@ -27,12 +27,14 @@ from qtpy.QtWidgets import (
 
 from dmp_viewer.actions import ACTIONS, build, fill_menu_bar
 from dmp_viewer.icons import icon
-from dmp_viewer.theme import Theme
+from dmp_viewer.theme import LIGHT, Theme
 from dmp_viewer.views.banner import BannerArea
 from dmp_viewer.views.buttons import tool_button
 from dmp_viewer.views.color_bar import ColorBar
 from dmp_viewer.views.curve_panel import CurvePanel
 from dmp_viewer.views.mesh_panes import MeshPanes
+from dmp_viewer.views.other_timeline import OtherTimeline
+from dmp_viewer.views.picked_bar import PickedBar
 from dmp_viewer.views.run_panel import RunPanel
 from dmp_viewer.views.start_page import StartPage
 from dmp_viewer.views.timeline import Timeline
@@ -48,8 +50,10 @@ class MainWindow(QMainWindow):
         filesDropped: list of paths.
         sampleChosen: name of a sample.
         recentChosen: path, as text.
+        themeChanged: after all parts have taken other colours.
     """
 
+    themeChanged = Signal()
     actionTriggered = Signal(str)
     filesDropped = Signal(object)
     sampleChosen = Signal(str)
@@ -60,6 +64,7 @@ class MainWindow(QMainWindow):
     ) -> None:
         super().__init__()
         self.setWindowTitle("dmp-viewer")
+        self.theme = LIGHT
         self.setAcceptDrops(True)
         self.setMinimumSize(720, 520)
         screen = QGuiApplication.primaryScreen()
@@ -74,6 +79,8 @@ class MainWindow(QMainWindow):
         self._parts(multi_samples, tasks, devices)
         self._tool_bar()
         self.set_has_mesh(False)
+        for row in self._passing_rows:
+            row.installEventFilter(self)
         for widget in self.findChildren(QWidget):
             widget.setAcceptDrops(False)
             if isinstance(widget, (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QAbstractItemView)):
@@ -111,11 +118,13 @@ class MainWindow(QMainWindow):
 
     def set_theme(self, theme: Theme) -> None:
         """Take the colours of a theme everywhere."""
+        self.theme = theme
         for spec in ACTIONS:
             if spec.icon and spec.name in self.named_actions:
                 self.named_actions[spec.name].setIcon(icon(spec.icon, theme))
-        for part in (self.panes, self.curve, self.timeline, self.panel, self.banners, self.start_page):
+        for part in (self.panes, self.picked, self.curve, self.timeline, self.panel, self.banners, self.start_page):
             part.set_theme(theme)
+        self.themeChanged.emit()
 
     def set_panel_visible(self, visible: bool) -> None:
         """Show or hide the run panel."""
@@ -125,12 +134,20 @@ class MainWindow(QMainWindow):
         """Show or hide the curve."""
         self.curve.setVisible(visible)
 
+    def menu(self, name: str) -> QMenu:
+        """Return a menu by its name; that of a submenu is ``menu/text``."""
+        return self._menus[name]
+
     # -- layout -------------------------------------------------------------------------------------------------------
 
     def layout_state(self) -> tuple[str, dict[str, list[int]]]:
         """Return place and size of the window, base64, and the sizes of its parts."""
         geometry = bytes(self.saveGeometry().toBase64().data()).decode()
-        return geometry, {name: splitter.sizes() for name, splitter in self._splitters.items()}
+        sizes = {name: splitter.sizes() for name, splitter in self._splitters.items()}
+        # Rows that come and go will not be there at the next start.
+        passing = sum(self._room.values())
+        sizes["rows"] = [sizes["rows"][0] - passing, sizes["rows"][1] + passing]
+        return geometry, sizes
 
     def restore_layout(self, geometry: str, splitters: dict[str, list[int]]) -> None:
         """Take over what :meth:`layout_state` returned, unless the window would lie outside of every screen."""
@@ -146,8 +163,10 @@ class MainWindow(QMainWindow):
     def _parts(self, multi_samples: int, tasks: tuple[str, ...], devices: tuple[tuple[str, str], ...]) -> None:
         self.banners = BannerArea()
         self.panes = MeshPanes(multi_samples=multi_samples)
+        self.picked = PickedBar(self.named_actions)
         self.color_bar = ColorBar()
         self.timeline = Timeline(self.named_actions)
+        self.other_timeline = OtherTimeline(self.named_actions)
         self.curve = CurvePanel()
         self.panel = RunPanel(self.named_actions, tasks=tasks, devices=devices)
         self.start_page = StartPage(self.named_actions)
@@ -158,8 +177,10 @@ class MainWindow(QMainWindow):
         view_layout.setContentsMargins(0, 0, 0, 0)
         view_layout.setSpacing(0)
         view_layout.addWidget(self.panes, 1)
+        view_layout.addWidget(self.picked)
         view_layout.addWidget(self.color_bar)
         view_layout.addWidget(self.timeline)
+        view_layout.addWidget(self.other_timeline)
         rows = QSplitter(Qt.Orientation.Vertical)
         rows.addWidget(view)
         rows.addWidget(self.curve)
@@ -176,6 +197,9 @@ class MainWindow(QMainWindow):
             splitter.setChildrenCollapsible(False)
             splitter.setHandleWidth(5)
         self._splitters = {"rows": rows, "columns": columns}
+        # Rows that come and go take their room from the curve, so that the meshes stay where they are.
+        self._passing_rows = (self.picked, self.other_timeline)
+        self._room: dict[QWidget, int] = {}
         self._stack = QStackedWidget()
         self._stack.addWidget(self.start_page)
         self._stack.addWidget(columns)
@@ -199,7 +223,8 @@ class MainWindow(QMainWindow):
         self.addToolBar(bar)
         for name, with_text in (
             ("open", True), ("save", True), ("screenshot", False), ("", False), ("fit_spacer", False),
-            ("filling_only", True), ("edges", True), ("link", True), ("reset_view", True),
+            ("filling_only", True), ("flip", False), ("swipe", True), ("lens", True), ("", False),
+            ("smooth", False), ("edges", False), ("link", False), ("reset_view", True),
         ):  # fmt: skip
             if not name:
                 bar.addSeparator()
@@ -233,7 +258,25 @@ class MainWindow(QMainWindow):
             if pressed or moved:
                 event.accept()
                 return True
+        if watched in self._passing_rows and event.type() == QEvent.Type.ShowToParent:
+            self._make_room(watched)
+        elif watched in self._passing_rows and event.type() == QEvent.Type.HideToParent:
+            self._give_room_back(watched)
         return super().eventFilter(watched, event)
+
+    def _make_room(self, row: QWidget) -> None:
+        """Let the part above the curve grow by a row that comes, if the curve can spare it."""
+        above, below = self._splitters["rows"].sizes()
+        height = row.sizeHint().height()
+        if self.curve.isVisible() and row not in self._room and below - height >= self.curve.minimumHeight():
+            self._room[row] = height
+            self._splitters["rows"].setSizes([above + height, below - height])
+
+    def _give_room_back(self, row: QWidget) -> None:
+        height = self._room.pop(row, 0)
+        above, below = self._splitters["rows"].sizes()
+        if height:
+            self._splitters["rows"].setSizes([above - height, below + height])
 
     def dragEnterEvent(self, event: QDragEnterEvent) -> None:
         """Accept files and folders."""

@@ -3,138 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from qtpy.QtCore import Qt, Signal
-from qtpy.QtGui import QColor, QFont, QFontMetrics, QPalette, QResizeEvent
-from qtpy.QtWidgets import QFrame, QGridLayout, QLabel, QSizePolicy, QVBoxLayout, QWidget
-from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
-from vtkmodules.vtkCommonCore import vtkLookupTable, vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+from qtpy.QtCore import QPoint, QPointF, QRect, Signal
+from qtpy.QtGui import QColor, QPalette
+from qtpy.QtWidgets import QFrame, QGridLayout, QWidget
+from vtkmodules.vtkCommonCore import vtkLookupTable
+from vtkmodules.vtkRenderingCore import vtkCellPicker
 
 from dmp.mesh import FloatArray, IntArray
 from dmp_viewer.colors import ColorTable, Limits, UpAxis, Values
 from dmp_viewer.theme import Theme, rgb
+from dmp_viewer.views import camera
+from dmp_viewer.views.cut_handle import CutHandle
 from dmp_viewer.views.interactor import N_PANES, Interactor
 from dmp_viewer.views.outlines import Outline, dashed, whole
+from dmp_viewer.views.pane import CUT_CIRCLE, CUT_LINE, CUT_NONE, Pane, cells_of
+from dmp_viewer.views.pane_title import PaneTitle
+from dmp_viewer.views.point_mark import PointMark
 
 INPUT, SMOOTHED, PREDICTED = range(N_PANES)
+MIDDLE = SMOOTHED
+# What the prediction is compared with in its own pane: a fourth mesh in the third pane.
+COMPARED = N_PANES
 PANE_NAMES = ("Input", "Smoothed", "Predicted")
-# Where the camera stands at first, for each axis that can point up: in front, a little to the right and above.
-_FRONT = {"y": (0.45, 0.35, 1.0), "z": (0.75, -0.8, 0.4)}
-_UP = {"y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-_VIEW_ANGLE = 30.0
-_MARGIN = 1.06
-_SEPARATOR = "  ·  "
-# A hole that is looked at takes this share of the height of its pane, and the camera comes no nearer than this.
-_HOLE_SHARE = 0.36
-_NEAREST = 0.01
-
-
-@dataclass(eq=False)
-class _Pane:
-    """One mesh on the screen: made once, its arrays written in place."""
-
-    points: vtkPoints
-    coordinates: NDArray[np.float32]
-    values: NDArray[np.float32]
-    data: vtkPolyData
-    mapper: vtkPolyDataMapper
-    actor: vtkActor
-
-    @classmethod
-    def make(cls, cells: vtkCellArray, n_vertices: int, table: vtkLookupTable) -> _Pane:
-        coordinates = np.zeros((n_vertices, 3), dtype=np.float32)
-        values = np.zeros(n_vertices, dtype=np.float32)
-        points = vtkPoints()
-        points.SetData(numpy_to_vtk(coordinates))
-        data = vtkPolyData()
-        data.SetPoints(points)
-        data.SetPolys(cells)
-        data.GetPointData().SetScalars(numpy_to_vtk(values))
-        mapper = vtkPolyDataMapper()
-        mapper.SetInputData(data)
-        mapper.SetLookupTable(table)
-        mapper.UseLookupTableScalarRangeOn()
-        # Colours are looked up for each pixel, not mixed between vertices: mixing leaves the colour map.
-        mapper.InterpolateScalarsBeforeMappingOn()
-        mapper.ScalarVisibilityOff()
-        actor = vtkActor()
-        actor.SetMapper(mapper)
-        shading = actor.GetProperty()
-        # Flat shading shows noise as it is, and needs no normals that would be stale after each snapshot.
-        shading.SetInterpolationToFlat()
-        shading.SetAmbient(0.18)
-        shading.SetDiffuse(0.88)
-        shading.SetSpecular(0.08)
-        shading.SetSpecularPower(20)
-        # On fine meshes full lines would cover the surface.
-        shading.SetEdgeOpacity(0.5)
-        return cls(points, coordinates, values, data, mapper, actor)
-
-
-class PaneTitle(QWidget):
-    """Name of a pane in bold, facts about it in a quieter line below."""
-
-    def __init__(self, parent: QWidget) -> None:
-        super().__init__(parent)
-        self._title = QLabel(self)
-        self._facts = QLabel(self)
-        font = QFont(self._title.font())
-        font.setBold(True)
-        self._title.setFont(font)
-        for label in (self._title, self._facts):
-            label.setAlignment(Qt.AlignmentFlag.AlignHCenter)
-            label.setTextFormat(Qt.TextFormat.PlainText)
-            label.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(8, 5, 8, 5)
-        layout.setSpacing(1)
-        layout.addWidget(self._title)
-        layout.addWidget(self._facts)
-        self._all_facts: tuple[str, ...] = ()
-
-    def set_texts(self, title: str, facts: Sequence[str], details: str = "") -> None:
-        """Say what the pane shows; details are in the tool tip.
-
-        Args:
-            title: name of the pane.
-            facts: the most important first. Those that do not fit any more are left out.
-            details: what the tool tip says, by default all the facts.
-        """
-        self._title.setText(title)
-        self._all_facts = tuple(facts)
-        self.setToolTip(details or _SEPARATOR.join(facts))
-        self._elide()
-
-    @property
-    def texts(self) -> tuple[str, str]:
-        """Title and facts."""
-        return self._title.text(), _SEPARATOR.join(self._all_facts)
-
-    def set_subtle_color(self, color: str) -> None:
-        """Colour the line of facts."""
-        palette = self._facts.palette()
-        palette.setColor(self._facts.foregroundRole(), color)
-        self._facts.setPalette(palette)
-
-    def resizeEvent(self, event: QResizeEvent) -> None:
-        """Cut the facts to the new width."""
-        super().resizeEvent(event)
-        self._elide()
-
-    def _elide(self) -> None:
-        width = max(20, self.width() - 16)
-        metrics = QFontMetrics(self._facts.font())
-        count = len(self._all_facts)
-        while count > 1 and metrics.horizontalAdvance(_SEPARATOR.join(self._all_facts[:count])) > width:
-            count -= 1
-        text = _SEPARATOR.join(self._all_facts[:count])
-        self._facts.setText(metrics.elidedText(text, Qt.TextElideMode.ElideRight, width))
+_CUTS = {"off": CUT_NONE, "swipe": CUT_LINE, "lens": CUT_CIRCLE}
 
 
 class MeshPanes(QWidget):
@@ -142,9 +36,11 @@ class MeshPanes(QWidget):
 
     Signals:
         painted: after each paint of the 3-D view.
+        vertexClicked: index of the vertex nearest to a click on a mesh; None for a click beside it.
     """
 
     painted = Signal()
+    vertexClicked = Signal(object)
 
     def __init__(self, parent: QWidget | None = None, *, multi_samples: int = 0) -> None:
         super().__init__(parent)
@@ -152,8 +48,12 @@ class MeshPanes(QWidget):
         self.interactor = Interactor(self, multi_samples=multi_samples)
         self.interactor.setAccessibleName("Meshes: input, smoothed, predicted")
         self.interactor.painted.connect(lambda _drawn: self.painted.emit())
+        self.interactor.clicked.connect(self._on_clicked)
+        self.interactor.hovered.connect(self._on_hovered)
         self.interactor.setMinimumHeight(140)
         self._lines = [QFrame(self.interactor) for _ in range(N_PANES - 1)]
+        self.handle = CutHandle(self.interactor)
+        self.handle.moved.connect(self._apply_cut)
         self.interactor.resized.connect(self._on_resized)
         layout = QGridLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -163,8 +63,11 @@ class MeshPanes(QWidget):
             layout.setColumnStretch(column, 1)
         layout.addWidget(self.interactor, 1, 0, 1, N_PANES)
         layout.setRowStretch(1, 1)
-        self._panes: list[_Pane] = []
-        self._visible = [False] * N_PANES
+        self._panes: list[Pane] = []
+        self._has_positions = [False] * (N_PANES + 1)
+        self._flipped = False
+        self._marked_vertex: int | None = None
+        self._marked_in_input = True
         self._table = vtkLookupTable()
         self._table.SetNumberOfTableValues(256)
         self._centre = np.zeros(3)
@@ -175,6 +78,7 @@ class MeshPanes(QWidget):
         self._linked = True
         self._edges = False
         self._make_outlines()
+        self._marks = [PointMark(renderer) for renderer in self.interactor.renderers]
         self.interactor.link_views()
 
     # -- what is shown ------------------------------------------------------------------------------------------------
@@ -187,47 +91,67 @@ class MeshPanes(QWidget):
             faces: (F, 3).
             input_faces: (n, 3), when the input pane shows fewer, because its holes are still open.
         """
-        for renderer, pane in zip(self.interactor.renderers, self._panes, strict=False):
-            renderer.RemoveActor(pane.actor)
+        renderers = self.interactor.renderers
+        for index, pane in enumerate(self._panes):
+            renderers[min(index, PREDICTED)].RemoveActor(pane.actor)
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         # VTK draws in single precision: around the origin and about 1 large, any mesh keeps its shape.
         self._centre = (low + high) / 2
         self._scale = 1.0 / max(float(np.linalg.norm(high - low)) / 2, 1e-300)
-        cells = _cells(faces)
-        input_cells = cells if input_faces is None or len(input_faces) == len(faces) else _cells(input_faces)
-        self._panes = [_Pane.make(own, len(vertices), self._table) for own in (input_cells, cells, cells)]
-        self._visible = [False] * N_PANES
-        for pane in self._panes:
-            pane.actor.SetVisibility(False)
-        for renderer, pane in zip(self.interactor.renderers, self._panes, strict=True):
-            renderer.AddActor(pane.actor)
+        cells = cells_of(faces)
+        input_cells = cells if input_faces is None or len(input_faces) == len(faces) else cells_of(input_faces)
+        self._panes = [Pane(own, len(vertices), self._table) for own in (input_cells, cells, cells)]
+        self._panes.append(Pane(input_cells, len(vertices), self._table, is_inner=True))
+        self._has_positions = [False] * (N_PANES + 1)
+        for index, pane in enumerate(self._panes):
+            renderers[min(index, PREDICTED)].AddActor(pane.actor)
         self._apply_edges()
         self._apply_mesh_colors()
+        self._apply_cut()
         for outline in self.outlines.values():
             outline.set_visible(False)
+        self._marked_vertex = None
+        self._apply_marks()
         self.interactor.mark()
 
     def set_positions(self, index: int, positions: FloatArray | None) -> None:
         """Show positions, (V, 3) in file units, in a pane; None empties it."""
-        pane = self._panes[index]
-        self._visible[index] = positions is not None
-        pane.actor.SetVisibility(positions is not None)
+        self._has_positions[index] = positions is not None
         if positions is not None:
-            pane.coordinates[:] = (positions - self._centre) * self._scale
-            pane.points.Modified()
-            pane.points.GetData().Modified()
-        if index == PREDICTED:
-            self.outlines["seam"].set_visible(positions is not None)
-        self.interactor.mark([index])
+            self._panes[index].set_positions((positions - self._centre) * self._scale)
+        self._apply_visibility()
+        self._mark(index)
 
     def set_values(self, index: int, values: Values | None) -> None:
         """Colour a pane by values, (V,); None shows the bare surface."""
-        pane = self._panes[index]
-        pane.mapper.SetScalarVisibility(values is not None)
-        if values is not None:
-            pane.values[:] = values
-            pane.data.GetPointData().GetScalars().Modified()
-        self.interactor.mark([index])
+        self._panes[index].set_values(values)
+        self._mark(index)
+
+    def set_colors(self, index: int, colors: NDArray[np.uint8]) -> None:
+        """Give each vertex of a pane a colour of its own, (V, 3)."""
+        self._panes[index].set_colors(colors)
+        self._mark(index)
+
+    def set_normals(self, index: int, normals: FloatArray | None) -> None:
+        """Shade a pane smoothly with unit normals, (V, 3); None shades each face by itself."""
+        self._panes[index].set_normals(normals)
+        self._mark(index)
+
+    def set_compared_faces(self, *, as_input: bool) -> None:
+        """Say whether what the prediction is compared with has the faces of the input or those of the prediction."""
+        self._panes[COMPARED].data.SetPolys(self._panes[INPUT if as_input else PREDICTED].data.GetPolys())
+
+    def set_cut(self, mode: str, *, flipped: bool) -> None:
+        """Show in the predicted pane what it is compared with: at the left of a line, in a lens, or all of it.
+
+        Args:
+            mode: ``off``, ``swipe`` or ``lens``.
+            flipped: show nothing else.
+        """
+        self._flipped = flipped
+        self.handle.set_mode(CUT_NONE if flipped else _CUTS[mode])
+        self._apply_cut()
+        self._apply_marks()
 
     def set_color_table(self, table: ColorTable) -> None:
         """Use another colour map, (256, 4) RGBA."""
@@ -246,6 +170,18 @@ class MeshPanes(QWidget):
     def set_title(self, index: int, title: str, facts: Sequence[str], details: str = "") -> None:
         """Say above a pane what it shows, the most important facts first; details are in its tool tip."""
         self.titles[index].set_texts(title, facts, details)
+
+    def set_marked_vertex(self, index: int | None, *, in_input: bool = True) -> None:
+        """Mark a vertex in all panes, or in all but that of the input; None marks nothing."""
+        if (index, in_input) != (self._marked_vertex, self._marked_in_input):
+            self._marked_vertex, self._marked_in_input = index, in_input
+            self._apply_marks()
+            self.interactor.mark()
+
+    @property
+    def marked_panes(self) -> list[int]:
+        """The panes in which a vertex is marked."""
+        return [index for index, mark in enumerate(self._marks) if mark.is_visible]
 
     # -- lines on the meshes ------------------------------------------------------------------------------------------
 
@@ -270,7 +206,7 @@ class MeshPanes(QWidget):
         """Draw edges, (n, 2), of the predicted mesh that part what was inserted from what was there."""
         if self._panes:
             self.outlines["seam"].set_edges(self._panes[PREDICTED].points, edges)
-            self.outlines["seam"].set_visible(self._visible[PREDICTED])
+            self._apply_visibility()
             self.interactor.mark([PREDICTED])
 
     def _make_outlines(self) -> None:
@@ -287,11 +223,7 @@ class MeshPanes(QWidget):
     def reset_view(self) -> None:
         """Look at the whole mesh from the front, a little from above and from the right, in all panes."""
         for renderer in self.interactor.renderers:
-            camera = renderer.GetActiveCamera()
-            camera.SetFocalPoint(0, 0, 0)
-            camera.SetPosition(*_FRONT[self._up])
-            camera.SetViewUp(*_UP[self._up])
-            camera.SetViewAngle(_VIEW_ANGLE)
+            camera.stand_in_front(renderer.GetActiveCamera(), self._up)
         self.fit_view()
 
     def set_up(self, axis: UpAxis) -> None:
@@ -302,13 +234,12 @@ class MeshPanes(QWidget):
 
     def fit_view(self) -> None:
         """Bring the whole mesh into all panes without turning it."""
-        visible = [pane.coordinates for pane, shown in zip(self._panes, self._visible, strict=False) if shown]
+        visible = [pane.coordinates for pane, there in zip(self._panes, self._has_positions, strict=False) if there]
         for renderer in self.interactor.renderers:
             if visible:
                 width, height = max(1, self.interactor.width() / N_PANES), max(1, self.interactor.height())
-                _fit_camera(renderer.GetActiveCamera(), visible[0], width / height)
-            # Wide enough for every snapshot, so that none is cut when the mesh changes under a resting camera.
-            renderer.ResetCameraClippingRange(-2, 2, -2, 2, -2, 2)
+                camera.fit(renderer.GetActiveCamera(), visible[0], width / height)
+            _never_clip(renderer)
         self._fitted_state = self.camera_state()
         self.interactor.mark()
 
@@ -323,28 +254,9 @@ class MeshPanes(QWidget):
         renderers = list(self.interactor.renderers)
         place = (centre - self._centre) * self._scale
         for renderer in renderers[:1] if not self._linked else renderers:
-            camera = renderer.GetActiveCamera()
-            if direction is None:
-                offset = np.array(camera.GetPosition()) - np.array(camera.GetFocalPoint())
-                towards = offset / np.linalg.norm(offset)
-            else:
-                towards = direction
-            distance = max(size * self._scale / (2 * _HOLE_SHARE * np.tan(np.radians(_VIEW_ANGLE / 2))), _NEAREST)
-            up = np.array(_UP[self._up])
-            if abs(up @ towards) > 0.95:
-                up = np.roll(up, 1)
-            camera.SetFocalPoint(*place)
-            camera.SetPosition(*(place + towards * distance))
-            camera.SetViewUp(*up)
-            camera.SetViewAngle(_VIEW_ANGLE)
-            renderer.ResetCameraClippingRange(-2, 2, -2, 2, -2, 2)
+            camera.come_near(renderer.GetActiveCamera(), place, direction, size * self._scale, self._up)
+            _never_clip(renderer)
         self.interactor.mark()
-
-    def _on_resized(self) -> None:
-        self._place_lines()
-        # A view that nobody has turned since it was fitted stays fitted.
-        if self._panes and self.camera_state() == self._fitted_state:
-            self.fit_view()
 
     def set_linked(self, linked: bool) -> None:
         """Turn all panes together, or each by itself."""
@@ -356,9 +268,9 @@ class MeshPanes(QWidget):
         else:
             # unlink_views() would give each pane a camera that looks from elsewhere; each keeps the present view instead.
             for renderer in list(self.interactor.renderers)[1:]:
-                camera = renderer.GetActiveCamera().NewInstance()
-                camera.DeepCopy(renderer.GetActiveCamera())
-                renderer.SetActiveCamera(camera)
+                own = renderer.GetActiveCamera().NewInstance()
+                own.DeepCopy(renderer.GetActiveCamera())
+                renderer.SetActiveCamera(own)
         self.interactor.mark()
 
     def set_edges(self, edges: bool) -> None:
@@ -381,23 +293,119 @@ class MeshPanes(QWidget):
             palette.setColor(QPalette.ColorRole.Window, QColor(theme.line))
             line.setPalette(palette)
             line.setAutoFillBackground(True)
+        self.handle.set_theme(theme)
+        # Where there is no value, as at a rim for the curvature, the surface is bare.
+        self._table.SetNanColor(*rgb(theme.mesh), 1.0)
+        self._table.Modified()
         self._apply_mesh_colors()
         for name, color in (("chosen", theme.hole), ("seam", theme.hole), ("open", theme.text), ("pointed", theme.pointed)):
             self.outlines[name].set_colors(rgb(color), rgb(theme.halo))
+        for mark in self._marks:
+            mark.set_colors(rgb(theme.hole), rgb(theme.halo))
         self.interactor.mark()
 
     def camera_state(self) -> tuple[tuple[float, ...], ...]:
         """Return position, focal point and up direction of the first pane's camera."""
-        camera = self.interactor.renderers[0].GetActiveCamera()
-        return camera.GetPosition(), camera.GetFocalPoint(), camera.GetViewUp()
+        first = self.interactor.renderers[0].GetActiveCamera()
+        return first.GetPosition(), first.GetFocalPoint(), first.GetViewUp()
 
     def shut_down(self) -> None:
         """Give the OpenGL resources back while their context is still alive."""
         self.interactor.close()
 
-    def _place_lines(self) -> None:
+    # -- mouse --------------------------------------------------------------------------------------------------------
+
+    def vertex_at(self, place: QPoint) -> int | None:
+        """Return the vertex nearest to what is seen at a place of the 3-D view, or None beside the meshes."""
+        index = min(max(N_PANES * place.x() // max(1, self.interactor.width()), 0), N_PANES - 1)
+        if not self._panes:
+            return None
+        pane = self._panes[index]
+        if index == PREDICTED and self._is_compared_at(place):
+            pane = self._panes[COMPARED]
+        if not pane.is_visible:
+            return None
+        picker = vtkCellPicker()
+        picker.SetTolerance(0.0)
+        picker.PickFromListOn()
+        picker.AddPickList(pane.actor)
+        x, y = self._buffer_place(QPointF(place))
+        if not picker.Pick(x, y, 0.0, self.interactor.renderers[index]) or picker.GetCellId() < 0:
+            return None
+        corners = pane.data.GetCell(picker.GetCellId()).GetPointIds()
+        indices = [corners.GetId(k) for k in range(3)]
+        distances = np.linalg.norm(pane.coordinates[indices] - np.array(picker.GetPickPosition()), axis=1)
+        return indices[int(np.argmin(distances))]
+
+    def _is_compared_at(self, place: QPoint) -> bool:
+        offset = QPointF(place) - self.handle.centre
+        match self.handle.mode:
+            case _ if self._flipped:
+                return True
+            case mode if mode == CUT_LINE:
+                return offset.x() < 0
+            case mode if mode == CUT_CIRCLE:
+                return float(np.hypot(offset.x(), offset.y())) < self.handle.radius
+        return False
+
+    def _on_clicked(self, place: QPoint) -> None:
+        if self._panes:
+            self.vertexClicked.emit(self.vertex_at(place))
+
+    def _on_hovered(self, place: QPoint) -> None:
+        if self.handle.mode == CUT_CIRCLE and self._pane_area().contains(place):
+            self.handle.move_to(QPointF(place))
+
+    # -- helpers ------------------------------------------------------------------------------------------------------
+
+    def _on_resized(self) -> None:
         for number, line in enumerate(self._lines, start=1):
             line.setGeometry(round(self.interactor.width() * number / N_PANES), 0, 1, self.interactor.height())
+        drawn: list[PointMark | Outline] = [*self._marks, *self.outlines.values()]
+        for mark in drawn:
+            mark.set_ratio(self.interactor.devicePixelRatioF())
+        self.handle.set_area(self._pane_area())
+        self._apply_cut()
+        # A view that nobody has turned since it was fitted stays fitted.
+        if self._panes and self.camera_state() == self._fitted_state:
+            self.fit_view()
+
+    def _pane_area(self) -> QRect:
+        left = round(self.interactor.width() * PREDICTED / N_PANES)
+        return QRect(left, 0, self.interactor.width() - left, self.interactor.height())
+
+    def _buffer_place(self, place: QPointF) -> tuple[float, float]:
+        """Return a place of the widget in pixels of the frame buffer, from its lower left corner."""
+        ratio = self.interactor.devicePixelRatioF()
+        return place.x() * ratio, (self.interactor.height() - place.y()) * ratio
+
+    def _apply_cut(self) -> None:
+        if not self._panes:
+            return
+        x, y = self._buffer_place(self.handle.centre)
+        for index in (PREDICTED, COMPARED):
+            self._panes[index].cut(self.handle.mode, x, y, self.handle.radius * self.interactor.devicePixelRatioF())
+        self.interactor.mark([PREDICTED])
+
+    def _apply_visibility(self) -> None:
+        if not self._panes:
+            return
+        compared = self._has_positions[COMPARED] and (self._flipped or self.handle.mode != CUT_NONE)
+        alone = compared and self._flipped
+        for index, pane in enumerate(self._panes[:N_PANES]):
+            pane.actor.SetVisibility(self._has_positions[index] and not (index == PREDICTED and alone))
+            self._marks[index].set_visible(self._has_positions[index] and (index != INPUT or self._marked_in_input))
+        self._panes[COMPARED].actor.SetVisibility(compared)
+        self.outlines["seam"].set_visible(self._has_positions[PREDICTED] and not alone)
+
+    def _apply_marks(self) -> None:
+        shown = [*self._panes[:PREDICTED], self._panes[COMPARED if self._flipped else PREDICTED]] if self._panes else []
+        for pane, mark in zip(shown, self._marks, strict=False):
+            mark.set_vertex(pane.points, self._marked_vertex)
+        self._apply_visibility()
+
+    def _mark(self, index: int) -> None:
+        self.interactor.mark([min(index, PREDICTED)])
 
     def _apply_edges(self) -> None:
         for pane in self._panes:
@@ -410,31 +418,6 @@ class MeshPanes(QWidget):
                 pane.actor.GetProperty().SetEdgeColor(*rgb(self._theme.mesh_edges))
 
 
-def _cells(faces: IntArray) -> vtkCellArray:
-    cells = vtkCellArray()
-    cells.SetData(3, numpy_to_vtkIdTypeArray(np.ascontiguousarray(faces, dtype=np.int64).ravel(), deep=True))
-    return cells
-
-
-def _fit_camera(camera: Any, points: NDArray[np.float32], aspect: float) -> None:
-    """Move a camera along its line of sight until all points, (V, 3), are in view of a pane ``aspect`` times as wide as high.
-
-    VTK itself fits the surrounding sphere, which leaves wide margins around most shapes.
-    """
-    backward = np.array(camera.GetPosition()) - np.array(camera.GetFocalPoint())
-    backward /= np.linalg.norm(backward)
-    right = np.cross(camera.GetViewUp(), backward)
-    right /= np.linalg.norm(right)
-    up = np.cross(backward, right)
-    tangent = np.tan(np.radians(camera.GetViewAngle() / 2.0))
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
-    distance = 1.0
-    # Perspective makes what is near larger, so the middle of the picture is found in a few rounds.
-    for _ in range(4):
-        across, above, towards = (points - middle) @ right, (points - middle) @ up, (points - middle) @ backward
-        distance = float(np.max(towards + _MARGIN * np.maximum(np.abs(above), np.abs(across) / aspect) / tangent))
-        x, y = across / (distance - towards), above / (distance - towards)
-        middle = middle + distance * ((x.min() + x.max()) / 2 * right + (y.min() + y.max()) / 2 * up)
-    camera.SetFocalPoint(*middle)
-    camera.SetPosition(*(middle + backward * distance))
-    camera.SetViewUp(*up)
+def _never_clip(renderer: object) -> None:
+    """Make the view deep enough for every snapshot, so that none is cut when the mesh changes under a resting camera."""
+    renderer.ResetCameraClippingRange(-2, 2, -2, 2, -2, 2)  # type: ignore[attr-defined]

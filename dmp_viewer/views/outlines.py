@@ -32,6 +32,7 @@ class Outline:
 
     def __init__(self, renderer: vtkRenderer, width: float, halo: float, layer: int = 1) -> None:
         self._data = vtkPolyData()
+        self._widths = (width + halo, width)
         self._actors: list[vtkActor] = []
         # Pulled towards the eye by the depth buffer only; the halo less, so that the line lies on top of it.
         for size, pull in ((width + halo, -16.0 * layer + 8.0), (width, -16.0 * layer)):
@@ -64,6 +65,11 @@ class Outline:
         self._data.SetLines(cells)
         self._data.Modified()
         self.set_visible(bool(len(edges)))
+
+    def set_ratio(self, ratio: float) -> None:
+        """Draw it for a screen with so many device pixels for each pixel."""
+        for actor, width in zip(self._actors, self._widths, strict=True):
+            actor.GetProperty().SetLineWidth(width * ratio)
 
     @property
     def n_segments(self) -> int:

@@ -24,15 +24,23 @@ from qtpy.QtWidgets import (
 )
 
 from dmp.errors import SettingsError
-from dmp.settings import DENOISE_TOO, SETTING_FIELDS, Settings, choices, default_preset, settings_for
+from dmp.settings import DENOISE_TOO, SETTING_FIELDS, Settings, choices, default_preset, presets_for, settings_for
 from dmp_viewer.states import Controls, RunnerState
 from dmp_viewer.theme import Theme
 from dmp_viewer.views.buttons import follow_action
 from dmp_viewer.views.collapsible import Collapsible
 from dmp_viewer.views.hole_section import HOLE_SETTINGS, HoleSection, is_denoising_too
-from dmp_viewer.views.setting_editors import Editor, NumberEditor, advanced_names, label, make_editor, matters_to
+from dmp_viewer.views.setting_editors import (
+    ChoiceEditor,
+    Editor,
+    NumberEditor,
+    advanced_names,
+    label,
+    make_editor,
+    matters_to,
+)
 
-_PRESET_TEXTS = {"compact": "Compact", "paper": "Paper", "best": "Best result"}
+_PRESET_TEXTS = {"compact": "Compact", "paper": "Paper", "paper-2021-04": "Paper, April 2021", "best": "Best result"}
 _TASK_TEXTS = {"denoise": "Remove noise", "complete": "Fill holes"}
 _DEVICE_TEXTS = {"auto": "Automatic", "cpu": "Processor (CPU)"}
 _KNOWN_TEXTS = {"keep": "Keep exactly", "predict": "Take the prediction"}
@@ -134,7 +142,8 @@ class RunPanel(QWidget):
         # Each task has a preset that it opens with; another one was chosen by the user and stays.
         preset = cast(Editor, self._editors["preset"]).value()
         before = self._told.task if self._told is not None else self._task
-        self._take_preset({} if preset == default_preset(before) else {"preset": preset})
+        stays = preset != default_preset(before) and preset in presets_for(cast(Editor, self._editors["task"]).value())
+        self._take_preset({"preset": preset} if stays else {})
 
     def _take_preset(self, changes: Mapping[str, Any]) -> None:
         # A preset is a whole set of values; keeping single values of the last one would make something in between.
@@ -167,7 +176,9 @@ class RunPanel(QWidget):
             return
         self._say_problem("")
         for name in _folded_names():
-            self._advanced_form.setRowVisible(self._editors[name], matters_to(name, settings.task, settings.method))
+            matters = matters_to(name, settings.task, settings.method, settings.convolution)
+            self._advanced_form.setRowVisible(self._editors[name], matters)
+        cast(ChoiceEditor, self._editors["preset"]).offer_only(presets_for(settings.task))
         self.hole_section.setVisible(settings.task == "complete")
         self.hole_section.set_settings(settings)
         more = DENOISE_TOO if is_denoising_too(settings) else {"preset": settings.preset}

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from qtpy.QtCore import QLocale, Qt, Signal
 from qtpy.QtGui import QDoubleValidator, QValidator, QWheelEvent
-from qtpy.QtWidgets import QComboBox, QLineEdit, QSpinBox, QWidget
+from qtpy.QtWidgets import QCheckBox, QComboBox, QLineEdit, QSpinBox, QWidget
 
 from dmp.errors import SettingsError
 from dmp.settings import SETTING_FIELDS, Settings, check, choices
@@ -22,18 +22,33 @@ LABELS = {
     "average": "Running average", "method": "Method", "noise_level": "Noise level", "noise_tangential": "Tangential noise",
     "normal_weight": "Normal weight", "bilateral_layers": "Bilateral layers", "normal_passes": "Normal passes",
     "vertex_passes": "Vertex passes", "patch_size": "Patch size", "known_vertices": "Known vertices",
-    "max_hole_edges": "Largest hole", "rest_movement": "At rest below",
+    "max_hole_edges": "Largest hole", "rest_movement": "At rest below", "chebyshev_order": "Chebyshev order",
+    "gmm_kernels": "GMM kernels", "architecture": "Layers as in", "skip": "Skip connections",
+    "laplacian_epsilon": "Laplacian floor",
 }  # fmt: skip
+# What a person reads instead of a value where the value alone says too little.
+_VALUE_TEXTS = {
+    "convolution": {"gcn": "GCN", "chebyshev": "Chebyshev", "gmm": "GMM (valence)", "gmm-geometric": "GMM (geometric)"},
+    "architecture": {"2024-06": "Code of June 2024", "2021-04": "Code of April 2021"},
+    "smoothing": {"laplacian": "Laplacian", "spherical": "Sphere", "none": "None"},
+}
+# Settings of one convolution only.
+_CONVOLUTIONS_OF = {"chebyshev_order": ("chebyshev",), "gmm_kernels": ("gmm", "gmm-geometric")}
 # Settings that mean something to one task or one method only; the others do not show them.
 _TASK_OF = dict.fromkeys(("known_vertices", "max_hole_edges", "rest_movement"), "complete")
 _METHOD_OF = {
     **dict.fromkeys(
         (
             "convolution",
+            "chebyshev_order",
+            "gmm_kernels",
+            "architecture",
+            "skip",
             "width_divisor",
             "input_channels",
             "laplacian_weight",
             "laplacian_form",
+            "laplacian_epsilon",
             "predict",
             "hold_out",
             "average",
@@ -44,6 +59,7 @@ _METHOD_OF = {
         (
             "noise_level",
             "noise_tangential",
+            "recorruption",
             "normal_weight",
             "bilateral_layers",
             "normal_passes",
@@ -92,9 +108,34 @@ class ChoiceEditor(QComboBox):
             self.addItem(value, value)
         self.setCurrentIndex(self.findData(value))
 
+    def offer_only(self, values: tuple[str, ...]) -> None:
+        """Grey out all values but these."""
+        for row in range(self.count()):
+            # The role under which a combo box keeps whether an entry can be chosen: 0 greys it out, None lets it be.
+            wanted = None if self.itemData(row) in values else 0
+            self.setItemData(row, wanted, Qt.ItemDataRole.UserRole - 1)
+
     def wheelEvent(self, event: QWheelEvent) -> None:
         """Scroll the panel, not the value, unless the editor is in use."""
         _only_with_focus(self, event, super().wheelEvent)
+
+
+class SwitchEditor(QCheckBox):
+    """Yes or no."""
+
+    edited = Signal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.clicked.connect(lambda _checked: self.edited.emit())
+
+    def value(self) -> bool:
+        """Return whether it is on."""
+        return bool(self.isChecked())
+
+    def set_value(self, value: bool) -> None:
+        """Switch it on or off."""
+        self.setChecked(value)
 
 
 class WholeNumberEditor(QSpinBox):
@@ -171,10 +212,13 @@ def make_editor(name: str, options: tuple[tuple[str, str], ...] | None = None) -
         options: (value, text) pairs where the possible values are not in the declaration, such as devices.
     """
     declared = SETTING_FIELDS[name]
-    allowed = options or tuple((value, value) for value in choices(name))
+    texts = _VALUE_TEXTS.get(name, {})
+    allowed = options or tuple((value, texts.get(value, value)) for value in choices(name))
     editor: QWidget
     if allowed:
         editor = ChoiceEditor(allowed)
+    elif isinstance(declared.default, bool):
+        editor = SwitchEditor()
     elif isinstance(declared.default, int) and (declared.metadata["maximum"] or _INT_MAX) <= _INT_MAX:
         editor = WholeNumberEditor(int(declared.metadata["minimum"] or 0), int(declared.metadata["maximum"] or _INT_MAX))
         editor.setSuffix(_SUFFIXES.get(name, ""))
@@ -199,9 +243,13 @@ def advanced_names() -> list[str]:
     return [item.name for item in fields(Settings) if item.metadata["advanced"] and len(choices(item.name)) != 1]
 
 
-def matters_to(name: str, task: str, method: str) -> bool:
-    """Tell whether a setting means something to a task and a method."""
-    return _METHOD_OF.get(name, method) == method and _TASK_OF.get(name, task) == task
+def matters_to(name: str, task: str, method: str, convolution: str = "gcn") -> bool:
+    """Tell whether a setting means something to a task, a method and a convolution."""
+    return (
+        _METHOD_OF.get(name, method) == method
+        and _TASK_OF.get(name, task) == task
+        and convolution in _CONVOLUTIONS_OF.get(name, (convolution,))
+    )
 
 
 def _only_with_focus(widget: QWidget, event: QWheelEvent, handle: Any) -> None:

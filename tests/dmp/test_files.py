@@ -209,6 +209,21 @@ def test_a_link_to_nothing_makes_its_target(tmp_path: Path) -> None:
     assert (tmp_path / "made.bin").read_bytes() == NEW
 
 
+def test_links_that_are_not_followed_are_replaced(target: Path, tmp_path: Path) -> None:
+    link, folder = tmp_path / "link.bin", tmp_path / "folder"
+    link.symlink_to(target.name)
+    folder.mkdir()
+    (tmp_path / "to_folder").symlink_to("folder")
+    for path in (link, tmp_path / "to_folder"):
+        atomic_write_bytes(path, NEW, follow_link=False)
+        assert not path.is_symlink()
+        assert path.read_bytes() == NEW
+    assert target.read_bytes() == OLD
+    assert folder.is_dir()
+    with pytest.raises(IsADirectoryError):
+        atomic_write_bytes(folder, NEW, follow_link=False)
+
+
 def test_permissions_stay(target: Path) -> None:
     target.chmod(0o640)
     atomic_write_bytes(target, NEW)

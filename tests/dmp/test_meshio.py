@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import socket
 import struct
+import subprocess
+import sys
+import textwrap
 import threading
 import time
 from pathlib import Path
@@ -13,39 +16,13 @@ import numpy as np
 import pytest
 
 from dmp.errors import MeshFileError
-from dmp.formats.obj_writing import write_obj
-from dmp.formats.off import write_off
-from dmp.formats.ply_writing import write_ply
+from dmp.formats.names import NAMES
 from dmp.formats.source import SourceFile
-from dmp.formats.stl import write_stl
 from dmp.mesh import TriangleMesh
 from dmp.meshio import READABLE_SUFFIXES, read_mesh, read_mesh_with_notes, write_mesh
-from tests.dmp.formats.files import SQUARE_VERTICES, binary_ply, binary_stl, ply_header, read, refusal, square, text_stl
+from tests.dmp.formats.files import SQUARE_VERTICES, binary_stl, ply_header, read, refusal, square
+from tests.dmp.formats.samples import ALL_SAMPLES, SAMPLES, content_of
 from tests.meshes import grid_mesh, sphere_mesh
-
-WRITERS = {".obj": write_obj, ".ply": write_ply, ".stl": write_stl, ".off": write_off}
-
-
-def content_of(suffix: str, mesh: TriangleMesh) -> bytes:
-    return b"".join(WRITERS[suffix](mesh))
-
-
-def samples() -> dict[str, bytes]:
-    """A small file of each kind."""
-    mesh = sphere_mesh(1)
-    soup = mesh.vertices[mesh.faces]
-    files = {f"written{suffix}": content_of(suffix, mesh) for suffix in WRITERS}
-    vertices, faces = mesh.vertices.tolist(), mesh.faces.tolist()
-    files["big_endian.ply"] = binary_ply(">", vertices, faces)
-    rows = "".join("{!r} {!r} {!r}\n".format(*vertex) for vertex in vertices)
-    files["text.ply"] = (
-        ply_header("ascii", len(vertices), len(faces)) + rows + "".join("3 {} {} {}\n".format(*face) for face in faces)
-    ).encode()
-    files["text.stl"] = text_stl(soup).encode()
-    return files
-
-
-SAMPLES = samples()
 
 # ------------------------------------------------------------------------------------------------------ what is opened
 
@@ -124,18 +101,20 @@ def test_empty_and_blank_files(tmp_path: Path, suffix: str) -> None:
     refusal(tmp_path, f"noise{suffix}", np.random.default_rng(0).bytes(100_000))
 
 
-@pytest.mark.parametrize("suffix", [*READABLE_SUFFIXES, ".glb", ".txt", ""])
+@pytest.mark.parametrize("suffix", [*READABLE_SUFFIXES, ".txt", ""])
 @pytest.mark.parametrize(
     ("content", "expected"),
     [
         (b"<!DOCTYPE html><html><body>404</body></html>", "a web page"),
         (b"\n<html>", "a web page"),
         (b"<?xml version='1.0'?><COLLADA/>", "an XML file"),
-        (b"<VTKFile type='PolyData'>", "a VTK file"),
-        (b"# vtk DataFile Version 3.0\n", "a VTK file"),
-        (b'{"asset": {"version": "2.0"}}', "a JSON file, such as glTF"),
-        (b"glTF\x02\0\0\0\x10\0\0\0", "a binary glTF file"),
-        (b"PK\x03\x04\x14\0\0\0", "a ZIP archive or a 3MF file"),
+        (b"<VTKFile type='UnstructuredGrid'/>", "no PolyData"),
+        (b"# vtk DataFile Version 3.0\n", "those of a VTK file"),
+        (b'{"asset": {"version": "2.0"}}', "holds no meshes"),
+        (b'{"name": "settings"}', "JSON file, but no glTF|version missing"),
+        (b"[1, 2]", "a JSON file"),
+        (b"glTF\x02\0\0\0\x10\0\0\0", "the GLB file ends"),
+        (b"PK\x03\x04\x14\0\0\0", "no valid list of its parts"),
         (b"\x1f\x8b\x08\0\0\0", "a gzip archive"),
         (b"\x89PNG\r\n\x1a\n\0\0\0", "a picture"),
         (b"Kaydara FBX Binary  \0\x1a\0", "an FBX file"),
@@ -144,7 +123,8 @@ def test_empty_and_blank_files(tmp_path: Path, suffix: str) -> None:
     ],
 )
 def test_other_content_is_named(tmp_path: Path, suffix: str, content: bytes, expected: str) -> None:
-    assert expected in refusal(tmp_path, f"file{suffix}", content)
+    text = refusal(tmp_path, f"file{suffix}", content)
+    assert any(part in text for part in expected.split("|"))
 
 
 @pytest.mark.parametrize("name", SAMPLES)
@@ -155,11 +135,18 @@ def test_the_content_wins_over_the_extension(tmp_path: Path, name: str, wrong: s
     np.testing.assert_array_equal(other.vertices, mesh.vertices)
     np.testing.assert_array_equal(other.faces, mesh.faces)
     if Path(name).suffix != wrong.lower():
-        kind = Path(name).suffix[1:].upper()
+        kind = {"gltf": "glTF"}.get(Path(name).suffix[1:], Path(name).suffix[1:].upper())
         assert f"content is {kind}" in other_notes[0]
         assert other_notes[1:] == notes
     else:
         assert other_notes == notes
+
+
+def test_names_that_are_no_text_can_be_told(tmp_path: Path) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path / "a.") + b"\xff\x1b[31m"))
+    path.write_bytes(SAMPLES["written.ply"])
+    _, notes = read_mesh_with_notes(path)
+    assert notes[0].encode() == "The content is PLY, although the name ends in '.?\N{REPLACEMENT CHARACTER}[31m'.".encode()
 
 
 def test_capital_extensions_need_no_note(tmp_path: Path) -> None:
@@ -167,7 +154,10 @@ def test_capital_extensions_need_no_note(tmp_path: Path) -> None:
 
 
 def test_an_unknown_text_names_what_can_be_read(tmp_path: Path) -> None:
-    assert "OBJ, PLY, STL and OFF files can be read" in refusal(tmp_path, "a.txt", "Dear reader,\n")
+    text = refusal(tmp_path, "a.txt", "Dear reader,\n")
+    assert "OBJ, PLY, STL, OFF, GLB, glTF, 3MF, VTP and VTK files can be read" in text
+    assert {f".{name.lower()}" for name in NAMES.values()} == set(READABLE_SUFFIXES)
+    assert all(suffix[1:] in text.lower() for suffix in READABLE_SUFFIXES)
 
 
 # ------------------------------------------------------------------------------------------------- what changes or ends
@@ -186,6 +176,27 @@ def test_files_that_change_while_they_are_read(tmp_path: Path, monkeypatch: pyte
 
     monkeypatch.setattr(SourceFile, "seek", change_and_seek)
     assert "changed while it was being read" in refused(path)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_files_that_change_within_one_tick_of_the_clock_of_their_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(SAMPLES[name])
+    times = path.stat().st_atime_ns, path.stat().st_mtime_ns
+    seek = SourceFile.seek
+
+    def change_and_seek(source: SourceFile, position: int) -> None:
+        with path.open("r+b") as file:
+            file.seek(len(SAMPLES[name]) // 2)
+            file.write(bytes([SAMPLES[name][len(SAMPLES[name]) // 2] ^ 1]))
+        os.utime(path, ns=times)
+        seek(source, position)
+
+    monkeypatch.setattr(SourceFile, "seek", change_and_seek)
+    assert "changed while it was being read" in refused(path)
+    assert path.stat().st_mtime_ns == times[1]
 
 
 @pytest.mark.parametrize("name", ["written.ply", "written.stl"])
@@ -226,12 +237,16 @@ def test_a_file_that_is_replaced_meanwhile_is_read_as_it_was(tmp_path: Path) -> 
         thread.join()
 
 
-@pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.parametrize("name", ALL_SAMPLES)
 def test_every_cut_is_refused_or_noted_or_harmless(tmp_path: Path, name: str) -> None:
-    content = SAMPLES[name]
+    content = ALL_SAMPLES[name]
     whole, _ = read(tmp_path, name, content)
     lengths = sorted({*range(0, len(content), 1 + len(content) // 60), *range(len(content) - 30, len(content))})
     for length in lengths:
+        if name == "rich.obj" and content[length - 1 : length] == b"\n":
+            continue  # an OBJ file may end after any line
+        if content[length : length + 15] == b"TRIANGLE_STRIPS":
+            continue  # a legacy VTK file may end after any section
         try:
             mesh, notes = read(tmp_path, name, content[:length])
         except MeshFileError:
@@ -240,10 +255,10 @@ def test_every_cut_is_refused_or_noted_or_harmless(tmp_path: Path, name: str) ->
         assert same or any("cut off" in note for note in notes), length
 
 
-@pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.parametrize("name", ALL_SAMPLES)
 def test_every_tail_of_zeros_is_refused(tmp_path: Path, name: str) -> None:
-    content = SAMPLES[name]
-    smallest = 64 if name.endswith((".ply", ".stl")) and not name.startswith("text") else 1
+    content = ALL_SAMPLES[name]
+    smallest = 1 if name.startswith("text") or name in ("written.obj", "written.off") else 64
     for n_zeros in {*range(smallest, len(content), 1 + len(content) // 40), len(content)}:
         refusal(tmp_path, name, content[: len(content) - n_zeros] + bytes(n_zeros))
 
@@ -256,7 +271,7 @@ def mesh_with(scale: float, offset: float) -> TriangleMesh:
     return mesh.with_vertices(mesh.vertices * scale + offset)
 
 
-@pytest.mark.parametrize("suffix", [".obj", ".ply", ".off"])
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".off", ".vtp"])
 @pytest.mark.parametrize(
     ("mesh", "expected"),
     [
@@ -275,7 +290,7 @@ def test_absurd_meshes_are_refused(tmp_path: Path, suffix: str, mesh: TriangleMe
     assert any(part in text for part in expected.split("|"))
 
 
-@pytest.mark.parametrize("suffix", [".obj", ".ply", ".off"])
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".off", ".vtp"])
 @pytest.mark.parametrize(("scale", "offset"), [(1.0, 1e7), (1e-6, 0.0), (1e-6, 1.0), (1e9, -3e9), (1e-9, 0.0)])
 def test_unusual_scales_and_places_are_exact(tmp_path: Path, suffix: str, scale: float, offset: float) -> None:
     mesh = mesh_with(scale, offset)
@@ -371,7 +386,7 @@ def test_small_hostile_files_take_seconds_at_most(tmp_path: Path, name: str, con
 # ------------------------------------------------------------------------------------------------------------ round trips
 
 
-@pytest.mark.parametrize("suffix", [".obj", ".ply", ".off"])
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".off", ".vtp"])
 def test_written_files_come_back_bit_for_bit(tmp_path: Path, suffix: str) -> None:
     rng = np.random.default_rng(7)
     mesh = grid_mesh(20, 0.3)
@@ -397,6 +412,72 @@ def test_other_programs_read_what_is_written(tmp_path: Path) -> None:
         np.testing.assert_allclose(
             np.asarray(other.vertices)[np.asarray(other.faces)], mesh.vertices[mesh.faces], rtol=0, atol=tolerance
         )
+
+
+def test_vtk_reads_what_is_written_and_we_read_what_it_writes(tmp_path: Path) -> None:
+    pyvista = pytest.importorskip("pyvista")
+    mesh = sphere_mesh(2).with_attributes(quality=np.linspace(0, 1, 66), color=np.full((66, 3), 7, dtype=np.uint8))
+    write_mesh(tmp_path / "a.vtp", mesh)
+    other = pyvista.read(tmp_path / "a.vtp")
+    np.testing.assert_array_equal(other.points, mesh.vertices)
+    np.testing.assert_array_equal(other.regular_faces, mesh.faces)
+    for name, values in mesh.vertex_attributes.items():
+        np.testing.assert_array_equal(other.point_data[name], values)
+    for name, binary in (("b.vtp", True), ("c.vtp", False), ("d.vtk", True), ("e.vtk", False)):
+        other.save(tmp_path / name, binary=binary)
+        read_back = read_mesh(tmp_path / name)
+        # As a text, VTK writes fewer digits.
+        np.testing.assert_allclose(read_back.vertices, mesh.vertices, rtol=0, atol=0 if binary else 1e-5)
+        np.testing.assert_array_equal(read_back.faces, mesh.faces)
+    assert set(read_mesh(tmp_path / "b.vtp").vertex_attributes) == set(mesh.vertex_attributes)
+    other.strip().save(tmp_path / "f.vtp")
+    stripped = read_mesh(tmp_path / "f.vtp")
+    normals = np.cross(*(stripped.vertices[stripped.faces[:, k]] - stripped.vertices[stripped.faces[:, 0]] for k in (1, 2)))
+    assert stripped.n_faces == mesh.n_faces
+    assert ((normals * stripped.vertices[stripped.faces].mean(axis=1)).sum(axis=1) > 0).all()
+
+
+def test_nothing_but_the_chosen_file_is_opened(tmp_path: Path) -> None:
+    code = """
+        import sys, pathlib
+        sys.path.insert(0, sys.argv[2])
+        from tests.dmp.formats.broken_files import broken_files
+        from dmp.errors import MeshFileError
+        from dmp.meshio import read_mesh
+        folder = pathlib.Path(sys.argv[1])
+        files = [file for file in broken_files() if len(file[1]) < 100_000]
+        files = [file for number, file in enumerate(files) if number % 4 == 0 or "outside" in file[0] or "seams" in file[0]]
+        chosen, others = None, []
+
+        def watch(event, arguments):
+            opened = event in ("open", "os.open", "os.listdir", "os.scandir") and not isinstance(arguments[0], int)
+            if opened and chosen and str(arguments[0]) != chosen:
+                others.append((event, str(arguments[0]), chosen))
+            elif event.startswith(("socket.", "subprocess.", "os.exec", "os.spawn", "ctypes.", "urllib.")) and chosen:
+                others.append((event, str(arguments), chosen))
+
+        def read(path):
+            try:
+                read_mesh(path)
+            except MeshFileError:
+                pass
+
+        for name, content, *_ in files:  # what readers import when they are first used is opened here
+            (folder / name).write_bytes(content)
+            read(folder / name)
+        sys.addaudithook(watch)
+        for name, *_ in files:
+            chosen = str(folder / name)
+            read(chosen)
+        chosen = None
+        assert not others, others[:5]
+        print(len(files))
+    """
+    root = Path(__file__).resolve().parents[2]
+    command = [sys.executable, "-c", textwrap.dedent(code), str(tmp_path), str(root)]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=60, check=False)
+    assert done.stderr == ""
+    assert int(done.stdout) > 150
 
 
 def test_the_square_by_hand() -> None:

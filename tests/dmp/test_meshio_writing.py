@@ -22,10 +22,11 @@ MESH = sphere_mesh(1)
 COLOURS = np.full((MESH.n_vertices, 3), 51, dtype=np.uint8)
 
 
-def test_ply_keeps_everything(tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", [".ply", ".vtp"])
+def test_ply_and_vtp_keep_everything(tmp_path: Path, suffix: str) -> None:
     mesh = MESH.with_attributes(color=COLOURS, displacement=MESH.vertices * 0.1, quality=MESH.vertices[:, 0].astype(np.float32))
-    assert write_mesh(tmp_path / "a.ply", mesh) == ()
-    read_back = read_mesh(tmp_path / "a.ply")
+    assert write_mesh(tmp_path / f"a{suffix}", mesh) == ()
+    read_back = read_mesh(tmp_path / f"a{suffix}")
     assert read_back.same_connectivity(mesh)
     assert set(read_back.vertex_attributes) == set(mesh.vertex_attributes)
     for name, values in mesh.vertex_attributes.items():
@@ -77,8 +78,8 @@ def test_extensions(tmp_path: Path) -> None:
     write_mesh(tmp_path / "A.PLY", MESH)
     assert (tmp_path / "A.PLY").read_bytes().startswith(b"ply\n")
     write_mesh(str(tmp_path / "name.with.dots.off"), MESH)
-    for name in ("a.glb", "a", "a.ply.gz"):
-        with pytest.raises(MeshFileError, match=r"\.obj, \.ply, \.stl, \.off"):
+    for name in ("a.glb", "a", "a.ply.gz", "a.3MF"):
+        with pytest.raises(MeshFileError, match=r"\.obj, \.ply, \.stl, \.off, \.vtp"):
             write_mesh(tmp_path / name, MESH)
 
 

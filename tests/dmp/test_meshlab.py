@@ -96,6 +96,52 @@ def test_too_little_memory_is_told(sphere: TriangleMesh) -> None:
         meshlab.run_filters(sphere, [SMOOTHING], memory_limit=2**27)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux enforces the limit")
+@pytest.mark.parametrize(
+    "program",
+    [
+        "kept = []\nwhile True:\n    kept.append(bytearray(10_000_000))\n",
+        # What a C++ library does: it cannot be caught, and ends in an abort.
+        "import os, resource, sys\nresource.setrlimit(resource.RLIMIT_CORE, (0, 0))\n"
+        "print(\"terminate called after throwing an instance of 'std::bad_alloc'\", file=sys.stderr, flush=True)\nos.abort()\n",
+    ],
+)
+def test_memory_that_runs_out_is_told_whatever_the_child_does(worker: Path, sphere: TriangleMesh, program: str) -> None:
+    worker.write_text(program)
+    with pytest.raises(MeshError, match=r"more than 0\.5 GB of memory"):
+        meshlab.run_filters(sphere, [SMOOTHING], memory_limit=2**29)
+
+
+def test_a_child_that_never_stops_talking_is_ended(worker: Path, sphere: TriangleMesh) -> None:
+    worker.write_text("import sys\nwhile True:\n    sys.stderr.write('x' * 100_000)\n    sys.stdout.write('x' * 100_000)\n")
+    with pytest.raises(MeshError, match=r"longer than|crashed"):
+        meshlab.run_filters(sphere, [SMOOTHING], time_limit=0.5)
+
+
+def test_a_child_that_cannot_be_ended_nicely_is_killed(worker: Path, sphere: TriangleMesh) -> None:
+    worker.write_text(
+        "import signal, time\nsignal.signal(signal.SIGTERM, signal.SIG_IGN)\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "time.sleep(60)\n"
+    )
+    begin = time.monotonic()
+    with pytest.raises(MeshError, match="longer than"):
+        meshlab.run_filters(sphere, [SMOOTHING], time_limit=0.3)
+    assert time.monotonic() - begin < 5
+
+
+def test_no_room_for_the_exchange_is_told(sphere: TriangleMesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(np, "savez", full)
+        with pytest.raises(MeshError, match="because the disk is full"):
+            meshlab.run_filters(sphere, [SMOOTHING])
+        patch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+        with pytest.raises(MeshError, match="does not exist"):
+            meshlab.run_filters(sphere, [SMOOTHING])
+
+
 def test_a_refusal_is_passed_on(sphere: TriangleMesh) -> None:
     with pytest.raises(MeshError, match=r"could not do it: .*exist"):
         meshlab.run_filters(sphere, [("no_such_filter", {})])

@@ -3,7 +3,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -16,9 +15,8 @@ import pytest
 
 from dmp.errors import RunError
 from dmp.mesh import TriangleMesh
-from dmp.methods import training_for
 from dmp.problem import denoising
-from dmp.run_files import read_checkpoint, read_curve, write_checkpoint
+from dmp.run_files import parse_curve
 from dmp.runs import Run, default_runs_folder, is_run_folder, list_runs, record
 from dmp.settings import settings_for
 
@@ -110,26 +108,6 @@ def test_a_run_is_not_trained_twice_at_once(make_run: MakeRun) -> None:
     assert Run.open(run.folder).resume().step == 0
 
 
-def test_training_goes_on_when_the_folder_cannot_be_written(make_run: MakeRun, monkeypatch: pytest.MonkeyPatch) -> None:
-    run = make_run()
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr("dmp.runs._save_array", full)
-        records = record(run.resume(), run)
-        for item in records:
-            if item.step == 10:
-                break
-        assert run.snapshot_steps() == [0, 10]
-        assert any("No space left" in warning for warning in run.warnings)
-        assert np.isfinite(run.snapshot(10).vertices).all()
-    list(records)
-    # Once there is room again, what was held in memory is written too.
-    assert Run.open(run.folder).snapshot_steps() == [0, 10, 20]
-
-
 def test_the_kept_step_is_remembered_and_must_exist(make_run: MakeRun) -> None:
     run = make_run()
     _train(run)
@@ -163,72 +141,18 @@ def test_runs_are_listed_newest_first_and_damaged_ones_left_out(make_run: MakeRu
     assert [run.folder for run in list_runs()] == [run.folder for run in reversed(runs)]
 
 
-def test_a_cut_last_line_of_the_curve_is_left_out(tmp_path: Path) -> None:
-    path = tmp_path / "curve.csv"
-    path.write_text("step,seconds,data_loss\n5,0.1,1.5\n10,0.2,\n15,0.3,1.")
-    assert read_curve(path) == [{"step": 5, "seconds": 0.1, "data_loss": 1.5}, {"step": 10, "seconds": 0.2}]
-
-
-class _Malice:
-    def __reduce__(self) -> tuple[object, tuple[str]]:
-        return (os.system, ("touch " + os.environ["MALICE"],))
-
-
-def test_damaged_and_hostile_checkpoints_are_refused(
-    noisy_sphere: TriangleMesh, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    settings = settings_for("denoise", steps=2, threads=1)
-    training = training_for(denoising(noisy_sphere, settings), settings)
-    path = tmp_path / "checkpoint.pt"
-    write_checkpoint(path, training.state())
-    assert read_checkpoint(path)["step"] == 0
-    content = bytearray(path.read_bytes())
-    for position in np.random.default_rng(0).integers(0, len(content), 30):
-        flipped = bytearray(content)
-        flipped[position] ^= 1
-        path.write_bytes(flipped)
-        with pytest.raises(RunError):
-            read_checkpoint(path)
-    for length in (0, 10, len(content) // 2, len(content) - 1):
-        path.write_bytes(content[:length])
-        with pytest.raises(RunError):
-            read_checkpoint(path)
-    monkeypatch.setenv("MALICE", str(tmp_path / "harm"))
-    body = pickle.dumps(_Malice())
-    path.write_bytes(b"dmp-checkpoint 1 sha256 " + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
-    with pytest.raises(RunError):
-        read_checkpoint(path)
-    assert not (tmp_path / "harm").exists()
-
-
-@pytest.mark.parametrize("damage", ["[]", "{}", '{"format": 9}', '{"format": 1, "settings": {"steps": -1}}', "\x00"])
-def test_a_damaged_description_is_one_sentence(make_run: MakeRun, damage: str) -> None:
-    run = make_run()
-    (run.folder / "run.json").write_text(damage)
-    with pytest.raises(RunError):
-        Run.open(run.folder)
-
-
-def test_arrays_that_do_not_belong_are_refused(make_run: MakeRun) -> None:
-    run = make_run()
-    _train(run)
-    np.save(run.folder / "snapshots" / "000010.npy", np.zeros((3, 3), dtype=np.float32))
-    with pytest.raises(RunError, match="does not belong"):
-        Run.open(run.folder).snapshot(10)
-    (run.folder / "base.npy").write_bytes(b"\x93NUMPY\x01\x00")
-    with pytest.raises(RunError, match="damaged"):
-        Run.open(run.folder).problem()
+def test_a_cut_last_line_of_the_curve_is_left_out() -> None:
+    content = b"step,seconds,data_loss\n5,0.1,1.5\n10,0.2,\n15,0.3,1."
+    assert parse_curve(content) == [{"step": 5, "seconds": 0.1, "data_loss": 1.5}, {"step": 10, "seconds": 0.2}]
 
 
 def test_the_description_tells_versions_and_the_digest_of_the_input(noisy_sphere: TriangleMesh, tmp_path: Path) -> None:
     settings = settings_for("denoise", steps=1)
     source = tmp_path / "scan.ply"
     source.write_bytes(b"as it was")
+    digest = hashlib.sha256(b"as it was").hexdigest()
     run = Run.create(denoising(noisy_sphere, settings), settings, folder=tmp_path / "run", input_path=source)
     manifest = json.loads((run.folder / "run.json").read_text())
-    assert (
-        manifest["input"]["sha256"] == "88d1e8fc5ba3ee8f0b2ae6fd6f3a2dbe8a9d5a9d9a5f3f3a"
-        or len(manifest["input"]["sha256"]) == 64
-    )
+    assert manifest["input"]["sha256"] == digest
     assert {"dmp", "torch", "numpy"} <= manifest["versions"].keys()
     assert run.input_path == source

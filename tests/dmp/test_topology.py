@@ -3,7 +3,15 @@ from __future__ import annotations
 import numpy as np
 
 from dmp.mesh import TriangleMesh
-from dmp.topology import adjacency, edge_face_counts, n_components, topology_report, unique_edges
+from dmp.topology import (
+    adjacency,
+    connected_vertices,
+    edge_face_counts,
+    n_components,
+    proper_faces,
+    topology_report,
+    unique_edges,
+)
 from tests.meshes import grid_mesh
 
 
@@ -40,6 +48,18 @@ def test_report_of_closed_open_and_non_manifold_meshes(cube: TriangleMesh) -> No
     )
     report = topology_report(fan)
     assert (report.non_manifold_edges, report.boundary_edges, report.unreferenced_vertices, report.components) == (1, 6, 1, 1)
+
+
+def test_collapsed_faces_are_counted_and_join_nothing(tetrahedron: TriangleMesh) -> None:
+    faces = np.vstack([tetrahedron.faces, [[0, 0, 1], [2, 2, 2], [4, 4, 0]]])
+    mesh = TriangleMesh(np.vstack([tetrahedron.vertices, [[5.0, 5, 5]]]), faces)
+    report = topology_report(mesh)
+    assert (report.collapsed_faces, report.faces, report.edges, report.is_closed) == (3, 7, 6, True)
+    assert (report.unreferenced_vertices, report.components, report.euler_characteristic) == (1, 1, 2)
+    assert proper_faces(faces).tolist() == tetrahedron.faces.tolist()
+    assert proper_faces(tetrahedron.faces) is tetrahedron.faces
+    assert connected_vertices(faces, 5).tolist() == [True] * 4 + [False]
+    assert adjacency(faces, 5).sum() == 12
 
 
 def test_two_pieces_are_two_components(tetrahedron: TriangleMesh) -> None:

@@ -11,7 +11,8 @@ import pytest
 import torch  # noqa: F401  # before Qt, as in the application
 from pytestqt.qtbot import QtBot
 from qtpy.QtCore import QCoreApplication, QEvent
-from qtpy.QtWidgets import QApplication
+from qtpy.QtGui import QAction
+from qtpy.QtWidgets import QApplication, QMainWindow
 
 from dmp.mesh import TriangleMesh
 from dmp.meshio import write_mesh
@@ -19,12 +20,12 @@ from dmp.problem import Problem, denoising
 from dmp.settings import Settings, settings_for
 from dmp.shapes.alterations import with_holes
 from dmp.snapshot import Snapshot, StepRecord
-from dmp_viewer import startup
+from dmp_viewer import actions, startup
 from dmp_viewer.app import make_application
 from dmp_viewer.controller import Controller
 from dmp_viewer.settings import Preferences
 from dmp_viewer.tasks import TASKS
-from dmp_viewer.views import dialogs
+from dmp_viewer.views import dialogs, filter_choice, questions, run_choice
 from dmp_viewer.views.main_window import MainWindow
 from tests.meshes import grid_mesh
 
@@ -41,6 +42,15 @@ def qapp() -> Iterator[QApplication]:
     yield application
 
 
+# Every function that opens a dialog and waits for an answer.
+DIALOGS = (
+    *((dialogs, name) for name in ("ask_mesh", "ask_run", "ask_save_mesh", "ask_save_picture", "confirm")),
+    *((questions, name) for name in ("ask_range", "ask_vertex")),
+    (run_choice, "ask_run_to_compare"),
+    (filter_choice, "ask_filter"),
+)
+
+
 @pytest.fixture(autouse=True)
 def no_dialogs(monkeypatch: pytest.MonkeyPatch) -> None:
     """A dialog that nobody expects would wait for ever; a test that expects one answers it."""
@@ -48,8 +58,8 @@ def no_dialogs(monkeypatch: pytest.MonkeyPatch) -> None:
     def unexpected(*_: object, **__: object) -> None:
         raise AssertionError("A dialog was opened that this test does not expect.")
 
-    for name in ("ask_mesh", "ask_run", "ask_save_mesh", "ask_save_picture", "confirm"):
-        monkeypatch.setattr(dialogs, name, unexpected)
+    for module, name in DIALOGS:
+        monkeypatch.setattr(module, name, unexpected)
 
 
 @pytest.fixture
@@ -71,6 +81,7 @@ class FakeRun:
     rows: list[dict[str, float]] = field(default_factory=list)
     snapshots: dict[int, Snapshot] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+    folder: Path | None = None
 
     def curve(self) -> list[dict[str, float]]:
         return self.rows
@@ -144,6 +155,8 @@ def make_viewer(qtbot: QtBot, tmp_path: Path) -> Iterator[Callable[..., Controll
         controller.runner.stop()
         controller.runner.wait(10)
         controller.background.close()
+        controller.scanner.close()
+        controller.comparing.close()
         controller.presenter.close()
         controller.window.close()
         controller.window.deleteLater()
@@ -204,3 +217,15 @@ def sheet(viewer: Controller, sheet_file: Path) -> Controller:
     assert viewer.background.wait(30)
     viewer.presenter.flush()
     return viewer
+
+
+@pytest.fixture
+def window(qtbot: QtBot) -> QMainWindow:
+    window = QMainWindow()
+    qtbot.addWidget(window)
+    return window
+
+
+@pytest.fixture
+def named_actions(window: QMainWindow) -> dict[str, QAction]:
+    return actions.build(window, {spec.name: (lambda: None) for spec in actions.ACTIONS})

@@ -7,32 +7,39 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dmp_viewer.colors import color_table, displacement_values, extent, limits_for, nice_ticks
-from dmp_viewer.views.color_bar import tick_text
-
-BASE = np.zeros((3, 3))
-NORMALS = np.array([[0, 0, 1.0], [0, 0, 1], [1, 0, 0]])
-MOVED = np.array([[3, 4, 0.0], [0, 0, -2], [0.5, 1, 0]])
-
-
-def test_magnitude_is_the_length_of_the_displacement() -> None:
-    assert displacement_values(MOVED, BASE, NORMALS, "magnitude").tolist() == pytest.approx([5, 2, 1.25**0.5])
-
-
-def test_signed_is_the_part_along_the_normal() -> None:
-    assert displacement_values(MOVED, BASE, NORMALS, "signed").tolist() == pytest.approx([0, -2, 0.5])
-
-
-def test_a_few_far_vertices_do_not_take_the_scale() -> None:
-    values = np.r_[np.ones(990), np.full(10, 1000.0)].astype(np.float32)
-    assert extent(values) == 1.0
-    assert extent(-values) == 1.0
+from dmp_viewer.colors import Limits, color_table, histogram, limits_for, nice_ticks, unit_of
+from dmp_viewer.views.gradient import tick_text
 
 
 def test_limits_start_at_zero_or_lie_around_it() -> None:
     magnitude, signed = limits_for("magnitude", [0.5, 2.0]), limits_for("signed", [0.5, 2.0])
     assert (magnitude.low, magnitude.high) == (0, 2)
     assert (signed.low, signed.high) == (-2, 2)
+
+
+@pytest.mark.parametrize(
+    ("kind", "unit", "factor", "name"),
+    [
+        ("length", "edges", 2.0, "edge lengths"),
+        ("length", "file", 1.0, "file units"),
+        ("length", "diagonal", 10.0, "% of diagonal"),
+        ("curvature", "edges", 0.5, "per edge length"),
+        ("curvature", "file", 1.0, "per file unit"),
+        ("angle", "edges", 1.0, "degrees"),
+    ],
+)
+def test_units(kind: str, unit: str, factor: float, name: str) -> None:
+    assert unit_of(kind, unit, 0.5, 10.0) == (pytest.approx(factor), name)  # type: ignore[arg-type]
+
+
+def test_the_histogram_counts_what_lies_in_the_range() -> None:
+    values = np.array([0.1, 0.1, 0.9, 5.0, np.nan], dtype=np.float32)
+    counted = histogram(values, np.array([0.6], dtype=np.float32), Limits(0.0, 1.0), bins=2)
+    assert counted.counts.tolist() == [2, 1]
+    assert counted.share_outside == pytest.approx(0.25)
+    assert counted.others is not None
+    assert counted.others.tolist() == [0, 1]
+    assert histogram(np.full(3, np.nan, dtype=np.float32), None, Limits(0.0, 1.0)).share_outside == 0
 
 
 @pytest.mark.parametrize("sizes", [[], [0.0], [float("nan")], [float("inf"), 0.0]])

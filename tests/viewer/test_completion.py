@@ -25,8 +25,8 @@ from dmp_viewer.states import RunnerState
 from dmp_viewer.views.mesh_panes import INPUT, PREDICTED, SMOOTHED
 from tests.meshes import sphere_mesh
 from tests.viewer.conftest import FakeRun, pane_pixels, quick_settings
+from tests.viewer.driving import open_files, trigger, wait_until_trained
 from tests.viewer.hole_actions import choose_task, click, holes_of, settle, wait_until_filled_anew
-from tests.viewer.test_window import open_files, trigger, wait_until_trained
 
 MakeViewer = Callable[..., Controller]
 QUICK = quick_settings(task="complete", hold_out=0.0)
@@ -187,7 +187,7 @@ def test_the_curve_shows_the_movement_and_says_what_it_means(
     assert "move" in curve.advice
     settle(viewer)
     assert "suggested" not in viewer.window.panes.titles[PREDICTED].texts[1]
-    levels = {line.label.format for line in curve._levels}
+    levels = {line.label.format for line in curve.plot._levels}
     assert levels == {"at rest below"}  # the distance in the holes is not drawn, so neither is that of the filling
 
 
@@ -214,7 +214,7 @@ def test_holes_made_up_have_their_own_sentence(
     show(viewer, run, holed_sphere)
     qtbot.waitUntil(lambda: "made up where the truth is known" in viewer.window.curve.advice)
     assert "0.125" in viewer.window.curve.advice
-    assert "made_up_error" in viewer.window.curve.drawn_names()
+    qtbot.waitUntil(lambda: "made_up_error" in viewer.window.curve.drawn_names())
 
 
 # -- settings ---------------------------------------------------------------------------------------------------------
@@ -311,8 +311,8 @@ def test_the_curve_of_a_run_is_read_once_for_all_its_snapshots(
     run = viewer.workspace.run
     assert isinstance(run, Run)
     reads = []
-    read = run_files.read_curve
-    monkeypatch.setattr(run_files, "read_curve", lambda path: reads.append(path) or read(path))
+    parse = run_files.parse_curve
+    monkeypatch.setattr(run_files, "parse_curve", lambda content: reads.append(content) or parse(content))
     again = Run.open(run.folder)
     metrics = [again.snapshot(step).metrics for step in again.snapshot_steps()]
     assert len(reads) == 1

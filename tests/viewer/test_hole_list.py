@@ -19,8 +19,8 @@ from dmp_viewer.controller import Controller
 from dmp_viewer.views.mesh_panes import INPUT, SMOOTHED
 from tests.meshes import grid_mesh, sphere_mesh
 from tests.viewer.conftest import pane_pixels, quick_settings
+from tests.viewer.driving import open_files, trigger, wait_until_trained
 from tests.viewer.hole_actions import choose_task, click, holes_of, settle, wait_until_filled_anew
-from tests.viewer.test_window import open_files, trigger, wait_until_trained
 
 QUICK = quick_settings(task="complete", hold_out=0.0)
 

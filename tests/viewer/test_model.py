@@ -8,7 +8,10 @@ import pytest
 from dmp.problem import Problem, denoising
 from dmp.settings import settings_for
 from dmp.snapshot import Snapshot
-from dmp_viewer.model import SnapshotCache, Source, Workspace
+from dmp.vertex_measures import extent
+from dmp_viewer.model import Source, Workspace
+from dmp_viewer.ruler import MeshState
+from dmp_viewer.snapshot_cache import SnapshotCache
 from dmp_viewer.states import RunnerState
 from tests.viewer.conftest import FakeRun
 
@@ -111,9 +114,9 @@ def test_all_panes_share_one_range(workspace: Workspace, fake_run: FakeRun) -> N
     train(workspace, fake_run, 40)
     problem = fake_run.problem
     lengths = np.linalg.norm(problem.target - problem.base, axis=1)
-    assert workspace.limits().high == pytest.approx(np.percentile(lengths, 98), rel=1e-5)
-    workspace.set_coloring(quantity="signed")
-    assert workspace.limits().low == -workspace.limits().high
+    assert workspace.colors.limits().high == pytest.approx(np.percentile(lengths, 98), rel=1e-5)
+    workspace.colors.set(quantity="signed")
+    assert workspace.colors.limits().low == -workspace.colors.limits().high
 
 
 def test_the_range_of_the_run_covers_all_its_steps(workspace: Workspace, fake_run: FakeRun) -> None:
@@ -122,30 +125,48 @@ def test_the_range_of_the_run_covers_all_its_steps(workspace: Workspace, fake_ru
     far = Snapshot("fake", 30, 3 * fake_run.problem.target, {}, 3.0)
     workspace.add_snapshot(far)
     workspace.show_step(10)
-    this_step = workspace.limits().high
-    workspace.set_coloring(range="run")
-    assert workspace.limits().high > 2 * this_step
+    this_step = workspace.colors.limits().high
+    workspace.colors.set(range="run")
+    assert workspace.colors.steps_to_measure() == [20, 30]
+    ruler = workspace.colors.ruler()
+    workspace.colors.set_extent(ruler, 98.0, 30, extent(ruler.values(far.vertices)))
+    assert workspace.colors.steps_to_measure() == [20]
+    assert workspace.colors.limits().high > 2 * this_step
 
 
 def test_mad_is_measured_when_the_truth_comes_after_the_training(workspace: Workspace, problem: Problem) -> None:
-    snapshot = Snapshot("fake", 10, problem.target, {}, 1.0)
-    assert workspace.mad_at(snapshot) == pytest.approx(workspace.mad_of(problem.target))
+    state = MeshState("step", 10, problem.target)
+    assert problem.ground_truth is not None
+    assert workspace.mad_of(state) == pytest.approx(problem.ground_truth.measures(problem.target)["mad"])
     workspace.open_problem(denoising(problem.mesh, settings_for()), Source("scan", problem.mesh))
-    assert workspace.mad_at(snapshot) is None
+    assert workspace.mad_of(state) is None
+
+
+def test_mad_is_taken_from_the_training_where_it_was_logged(workspace: Workspace, fake_run: FakeRun) -> None:
+    train(workspace, fake_run, 40)
+    state = workspace.predicted_state()
+    assert state is not None
+    assert workspace.mad_of(state) == fake_run.record(40).metrics["mad"]
 
 
 def test_signals_are_silent_when_nothing_changes(workspace: Workspace) -> None:
     heard: list[str] = []
-    for name in ("coloring_changed", "linked_changed", "edges_changed", "state_changed", "follow_latest_changed"):
-        getattr(workspace, name).connect(lambda name=name: heard.append(name), check_nargs=False)
-    workspace.set_coloring(quantity="magnitude")
-    workspace.set_linked(True)
-    workspace.set_edges(False)
+    for owner, name in (
+        (workspace.colors, "changed"), (workspace.look, "changed"), (workspace.comparison, "changed"),
+        (workspace.comparison, "mode_changed"), (workspace, "state_changed"), (workspace, "follow_latest_changed"),
+    ):  # fmt: skip
+        getattr(owner, name).connect(lambda owner=owner: heard.append(type(owner).__name__), check_nargs=False)
+    workspace.colors.set(quantity="magnitude")
+    workspace.look.set(linked=True)
+    workspace.look.set(edges=False)
     workspace.set_state(RunnerState.IDLE)
     workspace.set_follow_latest(True)
+    workspace.comparison.show("smoothed")
+    workspace.comparison.set_mode("off")
+    workspace.comparison.set_flipped(False)
     assert heard == []
-    workspace.set_edges(True)
-    assert heard == ["edges_changed"]
+    workspace.look.set(edges=True)
+    assert heard == ["Look"]
 
 
 def test_the_cache_stays_within_its_bytes_and_keeps_the_newest() -> None:

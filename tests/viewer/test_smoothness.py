@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,9 +13,14 @@ from pytestqt.qtbot import QtBot
 from qtpy.QtCore import QTimer
 
 from dmp.meshio import write_mesh
+from dmp.problem import denoising
 from dmp.settings import settings_for
+from dmp.snapshot import Snapshot, StepRecord
 from dmp_viewer.controller import Controller
+from dmp_viewer.model import Source
+from dmp_viewer.runner import Progress
 from tests.meshes import grid_mesh
+from tests.viewer.conftest import FakeRun
 
 # The aim on two cores is a 95th percentile under 50 ms; machines that also do other things get room.
 _BOUND_MS = 250
@@ -50,31 +56,74 @@ def test_gaps_in_the_event_loop_during_training(
     assert np.percentile(gaps, 95) < _BOUND_MS
 
 
-def test_moving_quickly_over_snapshots_stays_fluid(
-    make_viewer: Callable[..., Controller], qtbot: QtBot, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from dmp.problem import denoising
-    from dmp.snapshot import Snapshot
-    from dmp_viewer.model import Source
-    from tests.viewer.conftest import FakeRun
+@pytest.fixture
+def long_run() -> FakeRun:
+    """A run of 5000 steps with 101 snapshots of 10,000 vertices, and its ground truth."""
+    clean = grid_mesh(100)
+    problem = denoising(grid_mesh(100, height=0.3), settings_for(), clean)
+    run = FakeRun(problem, settings_for(steps=5000, snapshot_every=50))
+    for step in range(0, 5001, 5):
+        share = step / 5000
+        metrics = {"data_loss": 1.0 - share / 2, "held_out_error": 0.5, "mad": 20.0 - share}
+        run.rows.append({"step": step, "seconds": 1.0, **metrics})
+        if step % 50 == 0:
+            positions = problem.base + share * (problem.target - problem.base)
+            run.snapshots[step] = Snapshot("fake", step, positions, metrics)
+    return run
 
-    mesh = grid_mesh(224, height=0.3)  # 50,176 vertices
-    problem = denoising(mesh, settings_for())
-    run = FakeRun(problem, settings_for(steps=200, snapshot_every=10))
-    for step in range(0, 201, 10):
-        share = step / 200
-        run.snapshots[step] = Snapshot("fake", step, problem.base + share * (problem.target - problem.base))
-        run.rows.append({"step": step, "seconds": 1.0, "data_loss": 1.0 - share / 2})
+
+@pytest.mark.parametrize("quantity", ["magnitude", "curvature"])
+def test_moving_quickly_over_snapshots_stays_fluid(
+    make_viewer: Callable[..., Controller], qtbot: QtBot, long_run: FakeRun, quantity: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     viewer = make_viewer(width=1280, height=800)
-    viewer.workspace.open_run(run, problem, Source("sheet", mesh), None)
+    viewer.workspace.open_run(long_run, long_run.problem, Source("sheet", long_run.problem.mesh), None)
+    viewer.workspace.colors.set(quantity=quantity)
+    viewer.workspace.look.set(shading="smooth")
     viewer.presenter.flush()
-    qtbot.wait(300)
+    assert viewer.scanner.wait(30)
+    viewer.window.panes.interactor.setUpdatesEnabled(False)
     spent: list[float] = []
-    for step in range(0, 201, 10):
+    for step in viewer.workspace.snapshot_steps:
         started = time.perf_counter()
         viewer.workspace.show_step(step)
         viewer.presenter.flush()
         spent.append((time.perf_counter() - started) * 1000)
     with capsys.disabled():
-        print(f"\n50,176 vertices: {np.percentile(spent, 95):.1f} ms p95 for another snapshot, apart from drawing")
-    assert np.percentile(spent, 95) < _BOUND_MS
+        high = np.percentile(spent, 95)
+        print(f"\n10,000 vertices, {quantity}: {high:.1f} ms p95 for another snapshot, apart from drawing")
+    # The aim is 100 ms for 50,000 vertices on a machine that does nothing else.
+    assert np.percentile(spent, 95) < 100
+
+
+def test_a_long_training_needs_no_more_memory_than_its_snapshots(
+    make_viewer: Callable[..., Controller], qtbot: QtBot, long_run: FakeRun, capsys: pytest.CaptureFixture[str]
+) -> None:
+    viewer = make_viewer(width=1000, height=700)
+    fresh = FakeRun(long_run.problem, long_run.settings, state="running")
+    viewer.workspace.begin_run(fresh, fresh.problem, "CPU")
+    viewer.presenter.flush()
+    before = long_run.snapshots[0].vertices
+    size = len(long_run.snapshots) * before.nbytes
+    tracemalloc.start()
+    try:
+        for row in long_run.rows:
+            step = int(row["step"])
+            metrics = {name: value for name, value in row.items() if name not in ("step", "seconds")}
+            record = StepRecord(step, step / 10, metrics)
+            viewer.runner.progressed.emit(Progress("fake", (record,), 1.0))
+            if step in long_run.snapshots:
+                # A copy, as the training thread hands it over.
+                snapshot = Snapshot("fake", step, long_run.snapshots[step].vertices.copy(), metrics)
+                fresh.snapshots[step] = snapshot
+                viewer.runner.snapshotTaken.emit(snapshot)
+                viewer.presenter.flush()
+        assert viewer.scanner.wait(30)
+        viewer.presenter.flush()
+        grown, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    with capsys.disabled():
+        print(f"\n{size / 1e6:.1f} MB of snapshots: memory grew by {grown / 1e6:.1f} MB, at most by {peak / 1e6:.1f} MB")
+    # Beside the snapshots: the curve, a few pictures of them, and what the panes show.
+    assert grown < 1.15 * size + 4e6

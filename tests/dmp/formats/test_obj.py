@@ -213,6 +213,10 @@ def test_a_file_shorter_than_its_own_comment_tells_is_refused(tmp_path: Path) ->
     assert "162 faces, but the file holds 161" in refusal(tmp_path, "a.obj", cut)
 
 
+def test_a_comment_may_count_the_triangles_of_polygons(tmp_path: Path) -> None:
+    assert read(tmp_path, "a.obj", "# Vertices: 4\n# Faces: 2\n" + SQUARE + "f 1 2 3 4\n")[0].n_faces == 2
+
+
 def test_lines_keep_their_numbers_in_large_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dmp.formats.text._BLOCK_BYTES", 10_000)
     lines = b"".join(write_obj(grid_mesh(50, 0.3))).split(b"\n")

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import struct
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.dmp.formats.files import read, refusal
+from tests.dmp.formats.containers import binary_off
+from tests.dmp.formats.files import SQUARE_VERTICES, read, refusal
 
 ROWS = "0 0 0\n1 0 0\n1 1 .5\n0 1 0\n"
 PLAIN = f"OFF\n4 2 5\n{ROWS}3 0 1 2\n3 0 2 3\n"
@@ -118,13 +121,16 @@ def test_polygons_and_edges(tmp_path: Path) -> None:
         (PLAIN[:-9], "declares 2 faces"),
         (PLAIN[:-4], "line 8: 3 is not a possible number of corners"),
         (PLAIN + "3 0 1 3\n", "line 9: the file goes on after"),
+        # A count that is wrong swallows the rows that follow.
+        (
+            PLAIN.replace("4 2 5", "4 3 5").replace("3 0 1 2", "6 0\n3 0 1 2\n1 2") + "3 0 1 3\n",
+            "line 7: a face with 6 corners goes on over",
+        ),
         (PLAIN + "\0\0\0", "zero byte"),
         (f"OFF\n4 0 0\n{ROWS}", "4 vertices but no faces"),
         ("OFF\n0 0 0\n", "no vertices"),
         ("4OFF\n3 1 0\n0 0 0 1\n1 0 0 0\n0 1 0 1\n3 0 1 2\n", "vertex 1 lies at infinity"),
         ("nOFF\n4\n3 1 0\n0 0 0 0\n1 0 0 0\n0 1 0 0\n3 0 1 2\n", "not three-dimensional"),
-        (b"OFF BINARY\n\0\0\0\4\0\0\0\2\0\0\0\0", "binary OFF"),
-        (b"# remark\nCOFF BINARY\n\0\0\0\4", "binary OFF"),
         ("hello\n", "does not begin with 'OFF'; it begins with 'hello'"),
         ("OFFSET 4 2 0\n" + ROWS, "does not begin with 'OFF'"),
     ],
@@ -132,3 +138,73 @@ def test_polygons_and_edges(tmp_path: Path) -> None:
 def test_refusals(tmp_path: Path, content: str | bytes, expected: str) -> None:
     text = refusal(tmp_path, "a.off", content)
     assert any(part in text for part in expected.split("|"))
+
+
+COLOURS = [[0.5, 0.25, 0, 1]] * 4
+ROUNDED = np.float32(SQUARE_VERTICES).astype(float).tolist()
+FACES = [[0, 1, 2], [0, 2, 3]]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        binary_off(SQUARE_VERTICES, FACES),
+        b"# remark   \n# another\n" + binary_off(SQUARE_VERTICES, FACES),
+        binary_off(SQUARE_VERTICES, FACES, colours=[[1, 0, 0], [1, 0, 0, 1]]),
+        binary_off(SQUARE_VERTICES, FACES, "NOFF", more=[[0, 0, 1]] * 4),
+        binary_off(SQUARE_VERTICES, FACES, "4OFF", more=[[1]] * 4),
+        binary_off(SQUARE_VERTICES, FACES) + b"\n",
+    ],
+)
+def test_the_same_square_in_binary_files(tmp_path: Path, content: bytes) -> None:
+    mesh, _ = read(tmp_path, "a.off", content)
+    assert mesh.vertices.tolist() == ROUNDED
+    assert mesh.faces.tolist() == FACES
+
+
+def test_attributes_of_binary_files(tmp_path: Path) -> None:
+    more = np.concatenate([[[0, 0, 1]] * 4, COLOURS, [[0.25, 0.75]] * 4], axis=1)
+    mesh, notes = read(tmp_path, "a.off", binary_off(SQUARE_VERTICES, [[0, 1, 2, 3]], "STCNOFF", more))
+    assert mesh.vertex_attributes["color"].tolist() == COLOURS
+    assert mesh.vertex_attributes["texture_v"].tolist() == [0.75] * 4
+    assert "Split 1 polygon" in notes[1]
+
+
+BINARY = binary_off(SQUARE_VERTICES, FACES)
+
+
+def swapped(position: int, *numbers: int) -> bytes:
+    replacement = struct.pack(f">{len(numbers)}i", *numbers)
+    start = 11 + 4 * position
+    return BINARY[:start] + replacement + BINARY[start + len(replacement) :]
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (BINARY[:20], "ends before the numbers"),
+        (BINARY[:-1], "byte 91: face 1 has 3 corners or a colour that are not possible"),
+        (BINARY[:-30], "4 vertices and 2 faces are declared, but 70 bytes follow|face 0"),
+        (swapped(0, 2**31 - 1), "2,147,483,647 vertices and 2 faces are declared"),
+        (swapped(0, -1), "-1 vertices and 2 faces are declared"),
+        (swapped(1, 3), "face 2 has -1 corners|are declared"),
+        (swapped(1, 1), "bytes follow after the last face"),
+        (swapped(15, 2**31 - 1), "face 0 has 2,147,483,647 corners"),
+        (swapped(15, -3), "face 0 has -3 corners"),
+        (swapped(17, 4), "byte 71: a face refers to vertex 4"),
+        (swapped(19, 9), "face 0 has 3 corners or a colour"),
+        (swapped(3, 0x7FC00000), "byte 23: vertex 0 has a value that is not finite"),
+        (swapped(21, 0, 0, 0), "the last of them holds only zeros"),
+        (BINARY + b"more than enough", "16 bytes follow after the last face"),
+        (BINARY.replace(b"OFF", b"nOFF"), "of the kind 'nOFF'"),
+    ],
+)
+def test_refusals_of_binary_files(tmp_path: Path, content: bytes, expected: str) -> None:
+    text = refusal(tmp_path, "a.off", content)
+    assert any(part in text for part in expected.split("|"))
+
+
+def test_remarks_at_the_top_are_read_in_no_time(tmp_path: Path) -> None:
+    start = time.perf_counter()
+    assert read(tmp_path, "a.off", "#          \n" * 5000 + PLAIN)[0].n_faces == 2
+    assert time.perf_counter() - start < 1

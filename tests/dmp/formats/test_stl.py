@@ -72,7 +72,7 @@ def test_welding_survives_equal_keys(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     soup = rng.integers(0, 4, (200, 3, 3)).astype(np.float64)
     expected = weld(soup, str, [])
-    monkeypatch.setattr("dmp.formats.stl._MIXER", np.uint64(0))
+    monkeypatch.setattr("dmp.formats.weld._MIXER", np.uint64(0))
     found = weld(soup, str, [])
     np.testing.assert_array_equal(found.vertices, expected.vertices)
     np.testing.assert_array_equal(found.corners, expected.corners)
@@ -180,3 +180,28 @@ def test_a_written_mesh_comes_back_with_its_single_precision_positions(tmp_path:
     np.testing.assert_array_equal(
         read_back.vertices[read_back.faces], mesh.vertices[mesh.faces].astype(np.float32).astype(np.float64)
     )
+
+
+def with_normals(count: int) -> bytes:
+    """A sphere of 128 triangles, ``count`` of which have a normal of another one."""
+    content = bytearray(b"".join(write_stl(sphere_mesh(2))))
+    for facet in range(count):
+        content[84 + 50 * facet : 96 + 50 * facet] = struct.pack("<3f", 0, 0, -1) if facet < 64 else struct.pack("<3f", 0, 0, 1)
+    return bytes(content)
+
+
+def test_a_few_normals_that_do_not_fit_are_noted(tmp_path: Path) -> None:
+    assert read(tmp_path, "a.stl", with_normals(0))[1] == ("Joined 384 corners with equal coordinates into 66 vertices.",)
+    note = read(tmp_path, "b.stl", with_normals(3))[1][0]
+    assert note.startswith("The normals of 3 of 128 triangles do not fit to their corners, the first at byte 84;")
+    # A program that writes any normals tells nothing.
+    assert len(read(tmp_path, "c.stl", with_normals(128))[1]) == 1
+    assert len(read(tmp_path, "d.stl", binary_stl(sphere_mesh(2).vertices[sphere_mesh(2).faces]))[1]) == 1
+
+
+def test_bytes_that_were_added_in_the_middle_are_found(tmp_path: Path) -> None:
+    content = with_normals(0)
+    for position in (90, 1000, 6000):
+        for added in (b"\0", b"\r", bytes(2), b"\xef\xbb\xbf", bytes(7)):
+            text = refusal(tmp_path, "a.stl", content[:position] + added + content[position:])
+            assert "added or lost on the way" in text or "follow after the 128" in text or "not a finite number" in text

@@ -1,0 +1,131 @@
+"""The curve panel by itself: lines, legend, markers, mouse."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from pytestqt.qtbot import QtBot
+from qtpy.QtCore import QEvent, Qt
+from qtpy.QtGui import QImage
+from qtpy.QtWidgets import QApplication, QWidget
+
+from dmp.settings import settings_for
+from dmp_viewer.curve import Curve
+from dmp_viewer.step_mark import StepMark
+from dmp_viewer.theme import DARK, LIGHT
+from dmp_viewer.views.curve_panel import CurvePanel
+
+ROWS = [
+    {
+        "step": step,
+        "seconds": 1.0,
+        "data_loss": 2.0 / (step + 1),
+        "held_out_error": 0.5,
+        "displacement": 0.1,
+        "mad": 30.0 - step,
+    }
+    for step in range(0, 21, 5)
+]
+
+MARKS = [
+    StepMark("kept", 5, "kept", "Kept: you chose it."),
+    StepMark("suggested", 10, "suggested", "Suggested: step 10."),
+    StepMark("best", 20, "best MAD", "By the ground truth: it is step 20."),
+]
+
+
+@pytest.fixture
+def curve(qtbot: QtBot) -> CurvePanel:
+    panel = CurvePanel()
+    qtbot.addWidget(panel)
+    panel.resize(900, 260)
+    panel.set_theme(LIGHT)
+    panel.show()
+    qtbot.waitExposed(panel)
+    return panel
+
+
+def test_the_empty_curve_explains_itself(curve: CurvePanel) -> None:
+    curve.set_curve(Curve(), None)
+    texts = [label.text() for label in curve.findChildren(QWidget) if label.isVisible() and hasattr(label, "text")]
+    assert any("held-out error" in str(text).lower() for text in texts)
+
+
+def test_the_legend_tells_the_values_of_the_shown_step(curve: CurvePanel) -> None:
+    curve.set_curve(Curve(ROWS), settings_for())
+    curve.set_shown_step(5)
+    assert curve.legend.heading == "Shown: step 5"
+    assert curve.legend.value_shown("data_loss") == "0.3333"
+    assert curve.legend.value_shown("mad") == "25.00°"
+
+
+def test_the_legend_switches_lines(curve: CurvePanel, qtbot: QtBot) -> None:
+    curve.set_curve(Curve(ROWS), settings_for())
+    assert curve.drawn_names() == ["data_loss", "held_out_error", "mad"]
+    curve.legend.button("displacement").click()
+    curve.legend.button("mad").click()
+    assert curve.drawn_names() == ["data_loss", "held_out_error", "displacement"]
+
+
+def _pixels(widget: QWidget) -> np.ndarray:
+    image = widget.grab().toImage().convertToFormat(QImage.Format.Format_RGB888)
+    return np.frombuffer(image.constBits(), np.uint8).reshape(image.height(), image.bytesPerLine()).copy()
+
+
+def test_every_choice_changes_the_picture(curve: CurvePanel, qtbot: QtBot) -> None:
+    curve.set_curve(Curve(ROWS), settings_for())
+    pictures = [_pixels(curve)]
+    for change in (
+        lambda: curve.set_log_axis(False),
+        lambda: curve.set_smoothing(0.9),
+        lambda: curve.set_shown_step(15),
+        lambda: curve.set_marks(MARKS, "Because."),
+        lambda: curve.set_theme(DARK),
+        lambda: curve.set_curve(Curve(ROWS[:3]), settings_for()),
+    ):
+        change()
+        qtbot.wait(20)
+        pictures.append(_pixels(curve))
+    for before, after in pairwise(pictures):
+        assert not np.array_equal(before, after)
+    assert curve.advice == "Because."
+
+
+def test_a_click_on_the_curve_names_the_step_under_it(curve: CurvePanel, qtbot: QtBot) -> None:
+    curve.set_curve(Curve(ROWS), settings_for())
+    qtbot.wait(50)
+    view = curve.plot
+    box = view.getViewBox()
+    for step in (0.0, 7.0, 20.0):
+        scene = box.mapViewToScene(box.viewRange() and _point(step, sum(box.viewRange()[1]) / 2))
+        place = view.mapFromScene(scene)
+        with qtbot.waitSignal(curve.stepClicked) as clicked:
+            qtbot.mouseClick(view.viewport(), Qt.MouseButton.LeftButton, pos=place)
+        assert clicked.args[0] == pytest.approx(step, abs=0.2)
+
+
+def _point(x: float, y: float) -> object:
+    from qtpy.QtCore import QPointF
+
+    return QPointF(x, y)
+
+
+def test_the_crosshair_snaps_to_logged_steps_and_goes_with_the_mouse(curve: CurvePanel, qtbot: QtBot) -> None:
+    curve.set_curve(Curve(ROWS), settings_for())
+    curve.set_shown_step(0)
+    qtbot.wait(50)
+    box = curve.plot.getViewBox()
+    curve.plot.scene().sigMouseMoved.emit(box.mapViewToScene(_point(11.0, sum(box.viewRange()[1]) / 2)))
+    assert curve.legend.heading == "Step 10"
+    QApplication.sendEvent(curve.plot.viewport(), QEvent(QEvent.Type.Leave))
+    assert curve.legend.heading == "Shown: step 0"
+
+
+def test_values_below_zero_make_the_axis_linear(curve: CurvePanel) -> None:
+    curve.set_curve(Curve([{**row, "data_loss": -1.0} for row in ROWS]), settings_for())
+    assert not curve._log_box.isEnabled()
+    assert "not above zero" in curve._log_box.toolTip()
+    curve.legend.button("data_loss").click()
+    assert curve._log_box.isEnabled()
