@@ -163,7 +163,9 @@ class Settings:
         1.0, "Noise added to the input of each step, as a share of the noise that is there.", minimum=0.05, maximum=20.0
     )
     normal_weight: float = _setting(10.0, "Weight of the term on face normals.", minimum=0.0, maximum=1e6)
-    bilateral_layers: int = _setting(8, "Layers of learned bilateral filtering.", minimum=0, maximum=32)
+    bilateral_layers: int = _setting(
+        6, "Layers of learned bilateral filtering, before one of many passes that flattens what is flat.", minimum=0, maximum=32
+    )
     normal_passes: int = _setting(4, "Averagings of the normals in each bilateral layer.", minimum=0, maximum=100)
     vertex_passes: int = _setting(2, "Vertex updates in each bilateral layer.", minimum=0, maximum=100)
     patch_size: int = _setting(

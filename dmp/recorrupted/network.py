@@ -19,6 +19,9 @@ from dmp.recorrupted.products import Incidence, product
 from dmp.topology import adjacency
 
 _ANCHOR_STEPS = 30
+# The flattening layer: so many passes over normals and vertices, and the kappa that they begin with. It reaches far where
+# normals agree, and little elsewhere.
+_FLATTENING_NORMAL_PASSES, _FLATTENING_VERTEX_PASSES, _FLATTENING_SHARPNESS = 40, 12, 24.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +58,7 @@ class RestorationNetwork(nn.Module):
     """Maps positions to restored positions; turning or moving the input turns and moves the output.
 
     Args:
-        layers: bilateral layers.
+        layers: bilateral layers before the flattening one.
         normal_passes: passes over the normals in each.
         vertex_passes: passes over the vertices in each.
         width: channels on the faces.
@@ -67,22 +70,30 @@ class RestorationNetwork(nn.Module):
         self.first = nn.Parameter(torch.zeros(1, width))
         self.anchor = nn.Parameter(torch.ones(()))
         self.layers = nn.ModuleList([BilateralLayer(width, message_width, normal_passes, vertex_passes) for _ in range(layers)])
+        self.flattening = BilateralLayer(width, message_width, _FLATTENING_NORMAL_PASSES, _FLATTENING_VERTEX_PASSES)
+        with torch.no_grad():
+            self.flattening.sharpness.fill_(math.log(_FLATTENING_SHARPNESS))
 
     @torch.no_grad()
     def set_sharpness(self, sharpness: float) -> None:
-        """Start every bilateral layer with this kappa."""
+        """Start every bilateral layer but the flattening one with this kappa."""
         for layer in self.layers:
             if isinstance(layer, BilateralLayer):
                 layer.sharpness.fill_(math.log(sharpness))
 
-    def forward(self, positions: Tensor, operators: Operators, level: float) -> Tensor:
-        """Return restored positions, (V, 3), of noisy ``positions`` (V, 3) with noise of about ``level``."""
+    def forward(self, positions: Tensor, operators: Operators, level: float, flatten: bool = True) -> Tensor:
+        """Return restored positions, (V, 3), of noisy ``positions`` (V, 3) with noise of about ``level``.
+
+        Without ``flatten`` the flattening layer is left out.
+        """
         incidence = operators.incidence
         given = positions
         positions = self.bank(positions, operators.half_lazy, operators.propagation, incidence, level)
         hidden = self.first.expand(incidence.n_faces, -1)
         for layer in self.layers:
             positions, hidden = layer(positions, hidden, incidence, level)
+        if flatten:
+            positions, _ = self.flattening(positions, hidden, incidence, level)
         # What is coarse in the input is hardly noise. Given back, it keeps filtered regions and boundaries in their place.
         coarse = given - positions
         for _ in range(_ANCHOR_STEPS):

@@ -76,9 +76,7 @@ def estimate_noise(positions: FloatArray, faces: IntArray) -> NoiseModel:
     n_vertices = len(positions)
     normals = vertex_normals(lightly_smoothed(positions, faces), faces)
     laplacian = sparse.csr_array(sparse.eye_array(n_vertices) - averaging(faces, n_vertices))
-
-    cubed = sparse.csr_array(laplacian @ laplacian @ laplacian)
-    level = _level(cubed, _normal_part(cubed @ positions, normals) / _row_lengths(cubed), averaging(faces, n_vertices))
+    level = level_along(positions, faces, normals)
 
     umbrella = (laplacian @ positions) / _row_lengths(laplacian)[:, None]
     normal_part = _normal_part(umbrella, normals)
@@ -86,6 +84,20 @@ def estimate_noise(positions: FloatArray, faces: IntArray) -> NoiseModel:
     spread = _MAD_TO_SIGMA * np.median(np.abs(normal_part))
     tangential = float(np.median(across)) / _MEDIAN_RAYLEIGH / spread if spread > 0 else 1.0
     return NoiseModel(level, min(1.0, tangential), normals)
+
+
+def level_along(positions: FloatArray, faces: IntArray, normals: FloatArray) -> float:
+    """Return the level of what looks like noise along the normals: the spread of L^3 x, see :func:`estimate_noise`.
+
+    Args:
+        positions: (V, 3).
+        faces: (F, 3).
+        normals: unit normals of the vertices of a smoother mesh, (V, 3).
+    """
+    average = averaging(faces, len(positions))
+    laplacian = sparse.csr_array(sparse.eye_array(len(positions)) - average)
+    cubed = sparse.csr_array(laplacian @ laplacian @ laplacian)
+    return _level(cubed, _normal_part(cubed @ positions, normals) / _row_lengths(cubed), average)
 
 
 def _level(cubed: sparse.csr_array, along: FloatArray, average: sparse.csr_array) -> float:

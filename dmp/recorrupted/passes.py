@@ -38,24 +38,26 @@ class _NormalPasses(torch.autograd.Function):
             length = summed.norm(dim=1, keepdim=True).clamp_min_(_EPSILON)
             stages.append(summed / length)
             lengths.append(length)
-        ctx.save_for_backward(own, weights)
-        # Kept aside, not as saved tensors: they are made here and nobody else can change them.
-        ctx.stages, ctx.lengths, ctx.incidence = stages, lengths, incidence
+        # The output must be a saved tensor: held by the context itself it would hold the context in turn, and both
+        # would stay until the garbage collector finds them, gigabytes later. What lies before it is made here and nobody else can change it.
+        ctx.save_for_backward(own, weights, stages[-1])
+        ctx.earlier, ctx.lengths, ctx.incidence = stages[:-1], lengths, incidence
         return stages[-1]
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor, Tensor, None, None]:
-        own, weights = ctx.saved_tensors
+        own, weights, last = ctx.saved_tensors
         incidence, gradient = ctx.incidence, gradients[0]
+        stages = [*ctx.earlier, last]
         transposed = _face_matrix(own, weights.reshape(-1).index_select(0, incidence.back).view(weights.shape), incidence)
         of_sums = []
-        for stage, length in zip(reversed(ctx.stages[1:]), reversed(ctx.lengths), strict=True):
+        for stage, length in zip(reversed(stages[1:]), reversed(ctx.lengths), strict=True):
             of_sum = (gradient - stage * (stage * gradient).sum(dim=1, keepdim=True)) / length
             of_sums.append(of_sum)
             gradient = transposed @ of_sum
         if not of_sums:
             return torch.zeros_like(own), torch.zeros_like(weights), gradient, None, None
-        before, after = torch.cat(ctx.stages[-2::-1], dim=1), torch.cat(of_sums, dim=1)
+        before, after = torch.cat(stages[-2::-1], dim=1), torch.cat(of_sums, dim=1)
         around = before.index_select(0, incidence.neighbours).view(3, *before.shape)
         return (after * before).sum(dim=1), (after * around).sum(dim=2), gradient, None, None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from dmp.problem import Problem
 from dmp.recorrupted.filter_bank import diffusions, invariants
 from dmp.recorrupted.losses import normal_loss, position_loss, weighted
 from dmp.recorrupted.network import Operators, RestorationNetwork
-from dmp.recorrupted.noise_model import NO_NOISE, NoiseModel, estimate_noise, lightly_smoothed
+from dmp.recorrupted.noise_model import NO_NOISE, NoiseModel, estimate_noise, level_along, lightly_smoothed
 from dmp.recorrupted.outliers import find_outliers, replaced
 from dmp.recorrupted.patches import Patch, patches, whole
 from dmp.recorrupted.products import area_vectors
@@ -29,8 +29,14 @@ from dmp.training import Training
 _LEAST_LEVEL = 0.01
 # Up to NO_NOISE the mesh stays as it is; from this level on the network has its way.
 _SURE_NOISE = 0.03
-# Whatever shape is left in an estimate makes it too high, by 0 to 7 % on the meshes tried.
-_CAUTION = 0.96
+# Whatever shape is left in an estimate makes it too high, by 0 to 7 % on the meshes tried. Taken too low by a part, about as
+# large a part of the noise stays in the result, so the caution is small, and the estimate is corrected on the way.
+_CAUTION = 0.98
+# At these shares of the steps what the restored mesh itself adds to the estimate is taken off it, that many times, because a
+# restored mesh has lost about half of its finest detail; but no more than to this part of the estimate.
+_CORRECTIONS, _DETAIL_LOST, _LEAST_PART = (0.15, 0.3, 0.45, 0.6), 4.0, 0.93
+# The noise that is added is at least this share as strong across the normal as along it.
+_LEAST_TANGENTIAL = 0.5
 _LARGEST_GRADIENT = 2.0
 # Area vectors of a lightly smoothed mesh scale the normal term; a sliver's would let its noise count without bound.
 _LEAST_AREA_VECTOR = 0.15
@@ -73,7 +79,8 @@ class RecorruptedTraining(Training):
         positions = (problem.target - problem.origin) / problem.edge_length
         self.outliers = find_outliers(positions, faces)
         positions = replaced(positions, faces, self.outliers)
-        self.noise = _with_settings(estimate_noise(positions, faces), settings)
+        self._estimate = estimate_noise(positions, faces)
+        self.noise = _with_settings(self._estimate, settings)
         self._level = max(self.noise.level, _LEAST_LEVEL)
         self._trust = float(np.clip((self.noise.level - NO_NOISE) / (_SURE_NOISE - NO_NOISE), 0, 1))
         self._scale = problem.edge_length / problem.unit
@@ -93,7 +100,9 @@ class RecorruptedTraining(Training):
         self._network = network.to(self.device)
         first = self._pieces[0]
         differences, normals = diffusions(
-            first.positions + settings.recorruption * self._noise(first), first.operators.half_lazy, first.operators.incidence
+            first.positions + settings.recorruption * self._noise(first)[0],
+            first.operators.half_lazy,
+            first.operators.incidence,
         )
         network.bank.standardise(invariants(differences, normals, self._level)[0])
         network.set_sharpness(min(_SHARPNESSES, key=self._risk_at))
@@ -110,7 +119,7 @@ class RecorruptedTraining(Training):
         self._network.set_sharpness(sharpness)
         before = self._generator.get_state()
         with torch.no_grad():
-            risk = sum(self._forward()["total_loss"].item() for _ in range(_RISK_DRAWS)) / _RISK_DRAWS
+            risk = sum(self._forward(flatten=False)["total_loss"].item() for _ in range(_RISK_DRAWS)) / _RISK_DRAWS
         self._generator.set_state(before)
         return risk
 
@@ -128,20 +137,29 @@ class RecorruptedTraining(Training):
             judged_faces=None if everywhere else torch.from_numpy(patch.judged_faces).to(self.device),
         )
 
-    def _noise(self, piece: _Piece) -> Tensor:
-        # Drawn on the processor, so that a run does not depend on the device.
-        noise = torch.randn(piece.positions.shape, generator=self._generator).to(self.device)
-        if self.noise.tangential < 1:
-            along = (noise * piece.normals).sum(dim=1, keepdim=True) * piece.normals
-            noise = along + self.noise.tangential * (noise - along)
-        return self.noise.level * noise
+    def _noise(self, piece: _Piece) -> tuple[Tensor, Tensor]:
+        """Return what is added to the input and what is taken off the target, before the factor a, (v, 3) both.
 
-    def _forward(self) -> dict[str, Tensor]:
+        With A and B that map z to the two, A B^T must be the covariance of the noise. Where the noise is along the normal, A
+        still moves vertices across it: otherwise every draw would leave them in the very same tangential places, by which the
+        network knows them again and learns their noise. B shrinks as A grows, so that their product stays the same.
+        """
+        # Drawn on the processor, so that a run does not depend on the device.
+        draws = torch.randn(piece.positions.shape, generator=self._generator).to(self.device)
+        share = self.noise.tangential
+        if share >= 1:
+            return self.noise.level * draws, self.noise.level * draws
+        along = (draws * piece.normals).sum(dim=1, keepdim=True) * piece.normals
+        across = draws - along
+        added = max(share, _LEAST_TANGENTIAL)
+        return self.noise.level * (along + added * across), self.noise.level * (along + share**2 / added * across)
+
+    def _forward(self, *, flatten: bool = True) -> dict[str, Tensor]:
         chosen = torch.randint(len(self._pieces), (), generator=self._generator) if len(self._pieces) > 1 else 0
         piece = self._pieces[int(chosen)]
-        noise = self._noise(piece)
-        output = self._network(piece.positions + self.settings.recorruption * noise, piece.operators, self._level)
-        target = piece.positions - noise / self.settings.recorruption
+        added, taken = self._noise(piece)
+        output = self._network(piece.positions + self.settings.recorruption * added, piece.operators, self._level, flatten)
+        target = piece.positions - taken / self.settings.recorruption
         position = position_loss(_rows(output, piece.judged_vertices), _rows(target, piece.judged_vertices))
         faces = piece.operators.incidence.corners.view(3, -1)
         if piece.judged_faces is not None:
@@ -179,6 +197,21 @@ class RecorruptedTraining(Training):
             for mean, weight in zip(self._average.parameters(), self._network.parameters(), strict=True):
                 mean.lerp_(weight, 1 - decay)
 
+        if self.step + 1 in {round(share * self.settings.steps) for share in _CORRECTIONS}:
+            self._correct_level()
+
+    @torch.no_grad()
+    def _correct_level(self) -> None:
+        """Take what the restored shape itself adds to the estimate of the noise off it, unless a person gave the level."""
+        estimate = self._estimate.level
+        if self.settings.noise_level or estimate < _SURE_NOISE:
+            return
+        whole = self._whole
+        restored = self._average(whole.positions, whole.operators, self._level).cpu().numpy().astype(np.float64)
+        shape = level_along(restored, whole.patch.faces, self.noise.normals)
+        left = np.sqrt(max(estimate**2 - _DETAIL_LOST * shape**2, (_LEAST_PART * estimate) ** 2))
+        self.noise = replace(self.noise, level=_CAUTION * float(left))
+
     @torch.no_grad()
     def _prediction(self) -> Tensor:
         before = self._whole.positions
@@ -191,6 +224,7 @@ class RecorruptedTraining(Training):
             "average": self._average.state_dict(),
             "optimiser": self._optimiser.state_dict(),
             "generator": self._generator.get_state(),
+            "noise_level": self.noise.level,
         }
 
     def _load_weights(self, state: Mapping[str, Any]) -> None:
@@ -200,6 +234,7 @@ class RecorruptedTraining(Training):
         self._average.load_state_dict(state["average"])
         self._optimiser.load_state_dict(state["optimiser"])
         self._generator.set_state(state["generator"].cpu())
+        self.noise = replace(self.noise, level=float(state["noise_level"]))
 
     def _tensor(self, values: FloatArray) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32)).to(self.device)

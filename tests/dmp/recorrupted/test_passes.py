@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
+import weakref
 
 import numpy as np
 import pytest
@@ -108,3 +110,27 @@ def test_vertices_at_rest_on_their_planes_stay() -> None:
     normals = torch.tensor([[0.0, 0.0, 1.0]], dtype=torch.float64).expand(mesh.n_faces, 3)
     gates = torch.ones(mesh.n_faces, dtype=torch.float64)
     assert torch.equal(follow_normals(positions, normals, gates, incidence, 3), positions)
+
+
+def test_a_step_leaves_nothing_behind() -> None:
+    """A result that its own backward pass holds on to is freed late at best, and memory grows with every step."""
+    mesh = sphere_mesh(1)
+    incidence = _incidence(mesh)
+    positions, normals, own, weights, gates = (
+        _random(mesh.n_vertices, 3),
+        _random(mesh.n_faces, 3),
+        _random(mesh.n_faces),
+        _random(3, mesh.n_faces),
+        _random(mesh.n_faces),
+    )
+    averaged = average_normals(own, weights, normals, incidence, 3)
+    moved = follow_normals(positions, averaged, gates, incidence, 2)
+    left = [weakref.ref(averaged.grad_fn), weakref.ref(moved.grad_fn)]
+    assert all(reference() is not None for reference in left)
+    gc.disable()  # It would find such a circle in the end, but only after gigabytes.
+    try:
+        moved.square().sum().backward()  # type: ignore[no-untyped-call]
+        del averaged, moved
+        assert [reference() for reference in left] == [None, None]
+    finally:
+        gc.enable()

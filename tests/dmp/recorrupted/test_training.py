@@ -7,12 +7,14 @@ import pytest
 import torch
 
 from dmp.errors import SettingsError, TrainingError
+from dmp.geometry import mean_edge_length
 from dmp.mesh import TriangleMesh
 from dmp.methods import training_for
 from dmp.problem import denoising
 from dmp.recorrupted.patches import patches
 from dmp.recorrupted.training import RecorruptedTraining
 from dmp.settings import settings_for
+from dmp.topology import unique_edges
 from dmp.training import Training
 from tests.meshes import grid_mesh, sphere_mesh
 
@@ -172,3 +174,43 @@ def test_training_in_patches_restores_the_whole(sphere: TriangleMesh) -> None:
     truth = training.problem.ground_truth
     assert truth is not None
     assert truth.mad(vertices) < 0.5 * truth.mad(training.problem.target)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_what_is_added_and_what_is_taken_share_the_covariance_of_the_noise(noisy_sphere: TriangleMesh, share: float) -> None:
+    training = _training(noisy_sphere, noise_level=0.2, noise_tangential=share)
+    assert isinstance(training, RecorruptedTraining)
+    piece = training._pieces[0]
+    pairs = [training._noise(piece) for _ in range(40)]
+    added, taken = (torch.stack(values) for values in zip(*pairs, strict=True))
+    normals = piece.normals
+    along = (added * normals).sum(dim=2) * (taken * normals).sum(dim=2)
+    both = (added * taken).sum(dim=2)
+    # A B^T is the covariance of the noise: level^2 along the normal, (share level)^2 in each of the two directions across it.
+    assert along.mean().item() == pytest.approx(0.2**2, rel=0.05)
+    assert (both - along).mean().item() == pytest.approx(2 * (share * 0.2) ** 2, rel=0.05, abs=1e-4)
+    # Tangential places must move even where the noise does not, or they would give each vertex away.
+    across = added - (added * normals).sum(dim=2, keepdim=True) * normals
+    assert across.square().sum(dim=2).mean().item() >= 0.95 * 2 * (0.5 * 0.2) ** 2
+
+
+def test_the_level_is_corrected_by_what_the_shape_adds() -> None:
+    def levels(mesh: TriangleMesh, **overrides: object) -> tuple[float, float]:
+        training = _training(_noisy(mesh, 0.2 * _edge_length(mesh)), steps=10, snapshot_every=10, **overrides)
+        assert isinstance(training, RecorruptedTraining)
+        before = training.noise.level
+        _result(training)
+        return before, training.noise.level
+
+    smooth = sphere_mesh(3)
+    before, after = levels(smooth)
+    assert after == pytest.approx(before, rel=0.01)
+    # Waves two edges long, some of which looks like noise.
+    rough = smooth.with_vertices(smooth.vertices * (1 + 0.06 * np.sin(20 * smooth.vertices[:, :1])))
+    before, after = levels(rough)
+    assert 0.92 * before < after < 0.999 * before
+    assert levels(rough, noise_level=0.15) == (0.15, 0.15)
+
+
+def _edge_length(mesh: TriangleMesh) -> float:
+    return mean_edge_length(mesh.vertices, unique_edges(mesh.faces))
