@@ -71,6 +71,7 @@ def experiment(
     jobs: Annotated[int, Parameter(help="Processes that work at once.")] = 1,
     threads: Annotated[int, Parameter(help="Processor threads of each training; 0 divides the cores among the processes.")] = 0,
     device: Annotated[str, Parameter(help="Where to train: auto, cpu, cuda or cuda:N.")] = "auto",
+    tables_only: Annotated[bool, Parameter(help="Do nothing new: write the tables of what is done so far.")] = False,
     quiet: Quiet = False,
 ) -> int:
     """Repeat an experiment of the paper, or all of them, and write tables, charts and pictures.
@@ -105,8 +106,10 @@ def experiment(
     )
     plans = plans_for(experiment_named(name), plan)
     todo, store = jobs_for(plans), Store(out)
-    with _shown(todo, store, jobs, quiet) as told:
-        finished = run_jobs(todo, store, n_processes=jobs, threads=threads, told=told)
+    finished = tables_only
+    if not tables_only:
+        with _shown(todo, store, jobs, quiet) as told:
+            finished = run_jobs(todo, store, n_processes=jobs, threads=threads, told=told)
     if not finished:
         n_done = sum(store.is_done(job) for job in todo)
         say(f"Stopped with {n_done} of {len(todo)} jobs done. The same command goes on from here.", quiet)

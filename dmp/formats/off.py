@@ -182,7 +182,10 @@ def _values_of_a_vertex(rows: NumberTable, cursor: _Cursor, n_vertices: int, lay
             notes.append("The vertices have colours, although the file does not begin with 'COFF'.")
         return int(counts[0])
     # Wrapped rows: the vertices must fill whole lines in a way that a missing or surplus number would break.
-    for n_values in possible if layout.colours else possible[:1]:
+    candidates = possible if layout.colours else possible[:1]
+    if counts[0] in candidates:  # the first line is a whole row, which tells how long the others are
+        candidates = [int(counts[0])]
+    for n_values in candidates:
         ends = rows.starts[cursor.line :] + rows.counts[cursor.line :] - cursor.number
         last = int(np.searchsorted(ends, n_vertices * n_values))
         if last < len(ends) and ends[last] == n_vertices * n_values and _is_wrapped(ends[: last + 1], n_values):

@@ -49,10 +49,10 @@ def counts_of(offsets: IntArray, n_corners: int, where: str) -> IntArray:
     Raises:
         FormatError: when the places do not rise, or the last one is not the end of all corners.
     """
-    counts = np.diff(offsets, prepend=0)
-    if len(offsets) and (offsets[0] < 0 or (counts < 0).any() or offsets[-1] != n_corners):
+    # Comparing is safe where subtracting would overflow.
+    if len(offsets) and (offsets[0] < 0 or (offsets[1:] < offsets[:-1]).any() or offsets[-1] != n_corners):
         raise FormatError(f"{where}: the places where cells begin and end do not fit to their {n_corners:,} corners", _RESAVE)
-    return counts
+    return np.diff(offsets, prepend=0)
 
 
 def join_pieces(pieces: list[Piece], notes: list[str]) -> PolygonMesh:

@@ -38,8 +38,8 @@ class _NormalPasses(torch.autograd.Function):
             length = summed.norm(dim=1, keepdim=True).clamp_min_(_EPSILON)
             stages.append(summed / length)
             lengths.append(length)
-        # The output must be a saved tensor: held by the context itself it would hold the context in turn, and both
-        # would stay until the garbage collector finds them, gigabytes later. What lies before it is made here and nobody else can change it.
+        # The output must be a saved tensor: held by the context itself it would hold the context in turn, and both would stay
+        # until the garbage collector finds them, gigabytes later. What lies before it is made here and nobody else changes it.
         ctx.save_for_backward(own, weights, stages[-1])
         ctx.earlier, ctx.lengths, ctx.incidence = stages[:-1], lengths, incidence
         return stages[-1]

@@ -398,7 +398,7 @@ def _vtp(content: bytes) -> Polygons:
     size = struct.calcsize("<" + word)
 
     def decoded(text: bytes) -> bytes:
-        return b"".join(base64.b64decode(part) for part in re.findall(rb"[A-Za-z0-9+/]+=*", text))
+        return b"".join(base64.b64decode(part) for part in re.findall(rb"[A-Za-z0-9+/]+=*", b"".join(text.split())))
 
     def numbers(array: ElementTree.Element) -> list[float]:
         kind = array.get("type", "")

@@ -234,7 +234,7 @@ def _split_into(points: np.ndarray, polygon: list[int], triangles: np.ndarray) -
     corners = points[polygon]
     outline = Counter(zip(polygon, polygon[1:] + polygon[:1], strict=True))
     # Triangles that use a corner twice were left out, which leaves the outline as it is.
-    for n in range(min(len(triangles), len(polygon) - 2), 0, -1):
+    for n in range(min(len(triangles), len(polygon) - 2), -1, -1):
         edges: Counter[tuple[int, int]] = Counter()
         for triangle in triangles[:n]:
             distances = np.abs(triangle[:, None] - corners[None]).max(axis=2)

@@ -111,6 +111,9 @@ def test_interrupted_and_continued_gives_the_same_tables_as_in_one_go(
     assert interrupted_at == [33]
     assert {run.state for run in list_runs(tmp_path / "parts" / "runs")} == {"finished", "stopped"}
     assert not tables(tmp_path / "parts")
+    # What there is can be looked at all the same.
+    assert run(*arguments, "--out", tmp_path / "parts", "--tables-only") == 0
+    assert "not done yet" in (tmp_path / "parts" / "smoothing" / "report.md").read_text()
     assert run(*arguments, "--out", tmp_path / "parts") == 0
     assert tables(tmp_path / "parts") == tables(tmp_path / "whole")
 

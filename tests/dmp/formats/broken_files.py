@@ -318,6 +318,15 @@ def _found() -> Iterator[Broken]:
         "",
     )
     yield "found_number_of_polys.vtp", ALL_SAMPLES["text.vtp"].replace(b"NumberOfPolys", b"NumberOfPplys"), "refused", ""
+    # A row that lost a part, so that all rows together are as many numbers as shorter ones would be.
+    yield "found_short_row.off", ALL_SAMPLES["rich.off"].replace(b" 3 0 255 0.5 0.5\n3", b" 3.5\n3"), "refused", ""
+    # Differences between numbers of 64 bits that are larger than such a number.
+    overflow = [3, 2**63 - 1, -(2**63) + 9, *range(12, 25, 3)]
+    wide = Vtp("raw")
+    corners = wide.array(SMALL.faces.ravel(), "Int64", "connectivity") + wide.array(overflow, "Int64", "offsets")
+    piece = wide.piece(SMALL.vertices, SMALL.faces)
+    start, end = piece.index("<Polys>"), piece.index("</Polys>")
+    yield "found_overflow.vtp", wide.file(f"{piece[:start]}<Polys>{corners}{piece[end:]}"), "refused", ""
     # base64 text that goes on after its data.
     yield "found_base64.vtp", ALL_SAMPLES["inline.vtp"].replace(b"\n</DataArray>", b"AAAA\n</DataArray>"), "refused", ""
     # The last line break of a binary file is missing, or a zero: its last section may be too.
