@@ -13,6 +13,7 @@ from types import FrameType
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from dmp.durations import duration
 from dmp.errors import MeshFileError, RunError, SettingsError, TrainingError
 from dmp.files import atomic_write_bytes, in_words
 from dmp.meshio import write_mesh
@@ -22,6 +23,8 @@ from dmp.settings import Settings
 from dmp.snapshot import StepRecord
 
 _EXIT_DONE, _EXIT_INTERRUPTED = 0, 130
+# After so many steps it can be said how long the rest will take.
+_TIMED_STEPS = 4
 
 
 def check_keep(keep: str, settings: Settings, *, has_truth: bool, last_step: int | None = None) -> None:
@@ -95,7 +98,8 @@ def train_into(run: Run, *, steps: int | None = None, quiet: bool = False, verbo
     with _interruption() as interrupted:
         records = record(training, run)
         try:
-            for item in _with_progress(records, training.step, run.settings.steps, console):
+            timed = _with_forecast(records, run.settings.steps, console)
+            for item in _with_progress(timed, training.step, run.settings.steps, console):
                 for warning in run.warnings[shown_warnings:]:
                     console.print(f"Warning: {warning}", markup=False)
                 shown_warnings = len(run.warnings)
@@ -220,6 +224,21 @@ def _interruption() -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _with_forecast(records: Iterator[StepRecord], last: int, console: Console) -> Iterator[StepRecord]:
+    """Yield the records unchanged; say how long it will take as soon as some steps have been timed."""
+    # The first step also pays for what is done once.
+    marks: list[StepRecord] = []
+    for item in records:
+        if item.step and len(marks) < _TIMED_STEPS:
+            marks.append(item)
+            if len(marks) == _TIMED_STEPS:
+                left = last - item.step
+                seconds = left * (item.seconds - marks[0].seconds) / (_TIMED_STEPS - 1)
+                if left > 0:
+                    console.print(f"About {duration(seconds)} for the remaining {left:,} of {last:,} steps.")
+        yield item
 
 
 def _with_progress(records: Iterator[StepRecord], first: int, last: int, console: Console) -> Iterator[StepRecord]:

@@ -23,6 +23,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from dmp.durations import duration
 from dmp.errors import SettingsError
 from dmp.settings import DENOISE_TOO, SETTING_FIELDS, Settings, choices, default_preset, presets_for, settings_for
 from dmp_viewer.states import Controls, RunnerState
@@ -416,19 +417,6 @@ _RUN_TEXTS = {"finished": "Finished", "stopped": "Stopped", "interrupted": "Inte
 
 _KEEPS_TIP = "Completion by made-up holes leaves known vertices where they are. Other presets can predict them."
 _REST_TIP = "The inserted vertices hardly moved any more, so the training ended before its last step."
-
-
-def duration(seconds: float) -> str:
-    """Return a time as a person says it: 8 s, 2 min 05 s, 1 h 20 min."""
-    if seconds < 1:
-        return "under 1 s"
-    if seconds < 60:
-        return f"{round(seconds)} s"
-    if seconds < 3600:
-        minutes, rest = divmod(round(seconds), 60)
-        return f"{minutes} min {rest:02d} s"
-    hours, rest = divmod(round(seconds / 60), 60)
-    return f"{hours} h {rest:02d} min"
 
 
 def _form() -> QFormLayout:

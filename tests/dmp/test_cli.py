@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -46,7 +47,9 @@ def test_denoise_writes_mesh_report_and_run(files: Path, capsys: pytest.CaptureF
     saved = read_mesh(files / "out.ply")
     assert saved.vertex_attributes["displacement"].shape == (258, 3)
     assert Run.open(files / "run").kept_step == report["kept_step"]
-    assert "MAD" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "MAD" in said
+    assert re.search(r"About .+ for the remaining 16 of 20 steps\.", said)
 
 
 def test_export_and_resume_of_a_run(files: Path) -> None:

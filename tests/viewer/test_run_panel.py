@@ -10,9 +10,10 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtGui import QAction
 from qtpy.QtWidgets import QComboBox, QMainWindow, QPushButton, QSpinBox, QToolButton
 
+from dmp.durations import duration
 from dmp.settings import SETTING_FIELDS, Settings, choices, settings_for
 from dmp_viewer.states import Controls, RunnerState
-from dmp_viewer.views.run_panel import RunPanel, Status, duration
+from dmp_viewer.views.run_panel import RunPanel, Status
 from dmp_viewer.views.setting_editors import NumberEditor, label, matters_to
 
 
