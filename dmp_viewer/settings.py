@@ -92,7 +92,7 @@ def load(path: Path) -> Preferences:
         values = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         return Preferences()
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         _LOG.warning("%s cannot be read (%s); the defaults are used", path, error)
         return Preferences()
     preferences = Preferences()

@@ -11,6 +11,8 @@ from dmp.recorrupted.products import Incidence, area_vectors, gather_corners, ga
 
 _N_GEOMETRY = 5
 _FIRST_SHARPNESS = 3.0
+# Shorter area vectors make shorter normals, whose gradients stay bounded.
+_LEAST_AREA_VECTOR = 0.02
 
 
 class BilateralLayer(nn.Module):
@@ -46,7 +48,7 @@ class BilateralLayer(nn.Module):
         """Return new positions, (V, 3), and new features of the faces, (F, H)."""
         corners = gather_corners(positions, incidence)
         vectors = area_vectors(corners)
-        areas = vectors.norm(dim=1) + 1e-8
+        areas = vectors.norm(dim=1).clamp_min(_LEAST_AREA_VECTOR)
         normals = vectors / areas[:, None]
         geometry, around = self._geometry(normals, corners.mean(dim=0), areas, incidence, level)
         messages = functional.silu(

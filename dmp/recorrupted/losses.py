@@ -6,6 +6,10 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+# Length of an area vector, in squared mean edge lengths, below which a face has no more say: the normal of a sliver turns
+# by any angle at the least movement, and a few of those would drown the gradients of all others.
+_SLIVER = 0.05
+
 
 def position_loss(predicted: Tensor, target: Tensor) -> Tensor:
     """Return the mean over vertices of || q_i - t_i ||^2 for predicted and recorrupted positions, (N, 3) both."""
@@ -19,11 +23,11 @@ def normal_loss(predicted: Tensor, target: Tensor, scale: Tensor) -> Tensor:
     the *true* normals.
 
     Args:
-        predicted: area vectors of the prediction, (N, 3); only their directions count.
+        predicted: area vectors of the prediction, (N, 3); only their directions count, but for slivers.
         target: area vectors of the recorrupted target, (N, 3).
         scale: Abar, a positive length for each face, (N, 1).
     """
-    normals = functional.normalize(predicted, dim=1, eps=1e-6)
+    normals = functional.normalize(predicted, dim=1, eps=_SLIVER)
     return -(normals * target / scale).sum(dim=1).mean()
 
 

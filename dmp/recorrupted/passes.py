@@ -15,6 +15,9 @@ from torch import Tensor
 from dmp.recorrupted.products import Incidence
 
 _EPSILON = 1e-8
+# Where the normals around a face point every way, their sum says little; it is divided by at least this part of the sum of
+# the weights, so that neither it nor its gradient grows without bound.
+_LEAST_AGREEMENT = 0.1
 
 
 def _face_matrix(own: Tensor, weights: Tensor, incidence: Incidence) -> Tensor:
@@ -32,16 +35,19 @@ class _NormalPasses(torch.autograd.Function):
     def forward(ctx: Any, *inputs: Any) -> Tensor:
         own, weights, normals, incidence, passes = inputs
         matrix = _face_matrix(own, weights, incidence)
-        stages, lengths = [normals], []
+        least = (_LEAST_AGREEMENT * (own.abs() + weights.abs().sum(dim=0))).clamp_min_(_EPSILON)[:, None]
+        stages, lengths, unit = [normals], [], []
         for _ in range(passes):
             summed = matrix @ stages[-1]
-            length = summed.norm(dim=1, keepdim=True).clamp_min_(_EPSILON)
+            length = summed.norm(dim=1, keepdim=True)
+            unit.append(length > least)
+            length = torch.maximum(length, least)
             stages.append(summed / length)
             lengths.append(length)
         # The output must be a saved tensor: held by the context itself it would hold the context in turn, and both would stay
         # until the garbage collector finds them, gigabytes later. What lies before it is made here and nobody else changes it.
         ctx.save_for_backward(own, weights, stages[-1])
-        ctx.earlier, ctx.lengths, ctx.incidence = stages[:-1], lengths, incidence
+        ctx.earlier, ctx.lengths, ctx.unit, ctx.incidence = stages[:-1], lengths, unit, incidence
         return stages[-1]
 
     @staticmethod
@@ -51,8 +57,9 @@ class _NormalPasses(torch.autograd.Function):
         stages = [*ctx.earlier, last]
         transposed = _face_matrix(own, weights.reshape(-1).index_select(0, incidence.back).view(weights.shape), incidence)
         of_sums = []
-        for stage, length in zip(reversed(stages[1:]), reversed(ctx.lengths), strict=True):
-            of_sum = (gradient - stage * (stage * gradient).sum(dim=1, keepdim=True)) / length
+        for stage, length, unit in zip(reversed(stages[1:]), reversed(ctx.lengths), reversed(ctx.unit), strict=True):
+            # The bound itself counts as a constant.
+            of_sum = (gradient - unit * stage * (stage * gradient).sum(dim=1, keepdim=True)) / length
             of_sums.append(of_sum)
             gradient = transposed @ of_sum
         if not of_sums:
@@ -108,6 +115,8 @@ def _to_vertices(values: Tensor, incidence: Incidence) -> Tensor:
 
 def average_normals(own: Tensor, weights: Tensor, normals: Tensor, incidence: Incidence, passes: int) -> Tensor:
     """Replace each normal, ``passes`` times, by the unit vector along the weighted sum of itself and its neighbours.
+
+    Where they cancel each other to less than a tenth, the result is shorter than a unit vector.
 
     Args:
         own: weights of the faces themselves, (F,).
