@@ -59,7 +59,9 @@ def report(plan: Plan, results: Results, folder: Path) -> Report:
             for number, rival in enumerate(curves)
         ]
         panels.append(Panel(name, lines))
-    told.add_chart("curves", "MAD while training, mean over the seeds.", panels, x_label="step", y_label="MAD, degrees")
+    told.add_chart(
+        "curves", "MAD while training, mean over the seeds.", panels, x_label="step", y_label="MAD, degrees", log_y=True
+    )
     for case in plan.denoising_cases():
         told.add_pictures(
             case.name,

@@ -71,6 +71,8 @@ def chart(
         for axis, panel in zip(axes, panels, strict=True):
             for line in panel.lines:
                 points = [(x, y) for x, y in zip(line.x, line.y, strict=True) if x is not None and y is not None]
+                if not points:
+                    continue
                 axis.plot(
                     [x for x, _ in points],
                     [y for _, y in points],
@@ -84,7 +86,7 @@ def chart(
             axis.grid(alpha=0.25)
             if log_y:
                 axis.set_yscale("log")
-            if any(line.label for line in panel.lines):
+            if axis.get_legend_handles_labels()[1]:
                 axis.legend(fontsize=7)
         axes[0].set_ylabel(y_label)
         written = []

@@ -92,7 +92,8 @@ def distance_table(title: str, results: Results, by_case: dict[str, list[Rival]]
                 if jobs:
                     records = results.of(jobs)
                     cells = tuple(measure(records, choice, *value) for _, *value in _DISTANCES)  # type: ignore[arg-type]
-                    rows.append(Row((name, rival.label, how, _chosen(results, jobs, choice)), cells))
+                    if any(cell.values for cell in cells):
+                        rows.append(Row((name, rival.label, how, _chosen(results, jobs, choice)), cells))
     columns = tuple(column for column, *_ in _DISTANCES)
     return Table(title, ("mesh", "method", "chosen", "what was chosen"), columns, tuple(rows), note=_UNITS)
 

@@ -83,18 +83,19 @@ class Table:
             "| " + " | ".join([*self.heads, *self.columns]) + " |",
             "|" + " --- |" * len(self.heads) + " ---: |" * len(self.columns),
         ]
-        reasons: dict[str, None] = {}
+        reasons: dict[str, dict[str, None]] = {}
         for row in self.rows:
             texts = []
             for cell, least in zip(row.cells, lowest, strict=True):
                 is_lowest = least is not None and cell.mean is not None and cell.mean <= least
                 texts.append(f"**{cell.text}**" if is_lowest else cell.text)
                 if not cell.values and cell.reason:
-                    reasons[f"{', '.join(head for head in row.heads if head)}: {cell.reason}"] = None
+                    reasons.setdefault(cell.reason, {})[", ".join(head for head in row.heads if head)] = None
             lines.append("| " + " | ".join([*map(_escaped, row.heads), *texts]) + " |")
         text = f"**{self.title}**\n\n" + "\n".join(lines) + "\n"
         if reasons:
-            text += "\nEmpty cells: " + " ".join(reasons) + "\n"
+            told = (f"{'; '.join(where)}: {reason}" for reason, where in reasons.items())
+            text += "\nEmpty cells: " + " ".join(told) + "\n"
         return text + (f"\n{self.note}\n" if self.note else "")
 
     def _lowest(self, column: int) -> float | None:

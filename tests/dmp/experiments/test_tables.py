@@ -40,8 +40,7 @@ def test_what_was_not_measured_is_a_dash_with_its_reason() -> None:
     ]
     assert [cell.text for cell in empty] == ["–"] * 3
     table = Table("T", ("mesh",), ("a", "b", "c"), (Row(("sheep",), tuple(empty)),))
-    assert "sheep: The mesh has a handle." in table.markdown
-    assert "sheep: not done yet." in table.markdown
+    assert "Empty cells: sheep: The mesh has a handle. sheep: not done yet." in table.markdown
 
 
 def test_a_seed_that_failed_leaves_the_mean_of_the_others() -> None:
