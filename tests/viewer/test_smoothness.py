@@ -52,7 +52,8 @@ def test_gaps_in_the_event_loop_during_training(
         middle, high, longest = np.percentile(gaps, [50, 95, 100])
         print(f"\nevent loop during training at {speed:.1f} steps/s, gaps:", end=" ")
         print(f"{middle:.1f} ms median, {high:.1f} ms p95, {longest:.0f} ms longest")
-    assert viewer.workspace.current_step > first
+    # On a machine with much else to do six seconds may be too short for one step.
+    qtbot.waitUntil(lambda: viewer.workspace.current_step > first, timeout=60_000)
     assert np.percentile(gaps, 95) < _BOUND_MS
 
 
