@@ -39,6 +39,7 @@ _RESAVE = "Save or copy the file again from where it came from."
 
 _OTHER_ELEMENTS = {"metadata", "metadatagroup", "resources", "basematerials", "base", "mesh", "vertices", "triangles"}
 _OTHER_ELEMENTS |= {"components", "build"}
+_PARENTS = {"resources": "model", "build": "model", "mesh": "object", "components": "object"}
 _OBJECT_ATTRIBUTES = {"id", "type", "thumbnail", "partnumber", "name", "pid", "pindex"}
 # Slicers write "printable" without a namespace.
 _PLACE_ATTRIBUTES = {"objectid", "transform", "partnumber", "printable"}
@@ -145,6 +146,8 @@ class ModelPart:
             self.items.append(self._reference(attributes, "an item that is to be built"))
         elif local in ("vertices", "triangles") and (parent != f"{CORE} mesh" or self._object is None):
             raise self._events.error(f"'{local}' stand outside of a mesh")
+        elif local in _PARENTS and parent != f"{CORE} {_PARENTS[local]}":
+            raise self._events.error(f"'{local}' is out of place")
         elif local in ("vertex", "triangle"):
             raise self._events.error(f"a {local} is out of place")
         elif local not in _OTHER_ELEMENTS:

@@ -210,11 +210,12 @@ def same_mesh(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, polyg
     taken = 0
     used: set[int] = set()
     for polygon in corners:
-        n = _split_into(points, polygon, soup[taken : taken + len(polygon) - 2])
-        if n is None:
+        found = _split_into(points, polygon, soup[taken : taken + len(polygon) - 2])
+        if found is None:
             return False
-        taken += n
-        used.update(polygon)
+        taken += found[0]
+        # A polygon that comes back to a corner may fold up to nothing there; the others keep all of their corners.
+        used |= set(polygon) if len(set(polygon)) == len(polygon) else found[1]
     scale = max(float(np.abs(points).max()), 1e-300)
     expected = points[sorted(used)]
     return (
@@ -228,8 +229,8 @@ def _without_repetitions(polygon: list[int]) -> list[int]:
     return [corner for position, corner in enumerate(polygon) if corner != polygon[(position + 1) % len(polygon)]]
 
 
-def _split_into(points: np.ndarray, polygon: list[int], triangles: np.ndarray) -> int | None:
-    """Return how many of the triangles (n, 3, 3) the polygon was split into; None when they do not fit to it."""
+def _split_into(points: np.ndarray, polygon: list[int], triangles: np.ndarray) -> tuple[int, set[int]] | None:
+    """Return into how many of the triangles (n, 3, 3) a polygon was split, and their corners; None if they do not fit."""
     scale = max(float(np.abs(points).max()), 1e-300)
     corners = points[polygon]
     outline = Counter(zip(polygon, polygon[1:] + polygon[:1], strict=True))
@@ -244,7 +245,7 @@ def _split_into(points: np.ndarray, polygon: list[int], triangles: np.ndarray) -
             edges.update([(a, b), (b, c), (c, a)])
         else:
             if _net(edges, points) == _net(outline, points):
-                return n
+                return n, {corner for edge in edges for corner in edge}
     return None
 
 

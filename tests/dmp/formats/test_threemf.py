@@ -136,6 +136,7 @@ BOMB = '<!DOCTYPE a [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">]>'
         (model_xml("", ""), "no vertices"),
         (model_xml('<object id="1"><mesh/></object>'), "no vertices"),
         (MODEL.replace("<triangles>", "").replace("</triangles>", ""), "a triangle is out of place"),
+        (MODEL.replace("</resources>", "").replace("</build>", "</build></resources>"), "'build' is out of place"),
         (MODEL.replace("<item", "<itgm"), "'itgm' is no element of 3MF"),
         (MODEL.replace("<mesh>", "").replace("</mesh>", ""), "'vertices' stand outside of a mesh"),
         (MODEL.replace("<build>", "<metadata>" * 100 + "</metadata>" * 100 + "<build>"), "nested too deeply"),
