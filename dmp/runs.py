@@ -192,7 +192,10 @@ class Run(Described):
     def state(self) -> str:
         """``running``, ``finished``, ``stopped``, ``failed``, or ``interrupted`` when its process ended without a word."""
         state = str(self._manifest["state"])
-        return "interrupted" if state == "running" and not self._is_being_trained else state
+        if state != "running" or self._is_being_trained:
+            return state
+        # Killed after its last snapshot it lacks nothing but the word.
+        return "finished" if self.settings.steps in self.snapshot_steps() else "interrupted"
 
     @property
     def _is_being_trained(self) -> bool:
@@ -344,6 +347,9 @@ class Run(Described):
             if state.get("run_id", self.run_id) != self.run_id:
                 raise RunError(f"{self._files / CHECKPOINT} belongs to another run.")
             training.load_state(state)
+        if self._manifest["state"] == "running":
+            # Cut off at its very end: what is left to do is to say that it is done.
+            return training
         if training.step >= self.settings.steps:
             raise RunError(f"The run has reached step {training.step} already. To go on, give a higher number with --steps.")
         if training.is_done:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dmp.completion import problem_for
+from dmp.errors import RunError
 from dmp.mesh import TriangleMesh
 from dmp.runs import Run, record
 from dmp.settings import Settings, settings_for
@@ -51,6 +52,36 @@ def test_what_a_kill_leaves_at_any_step_goes_on_bit_for_bit(
         assert training.step == killed.last_step
         list(record(training, killed))
         assert _everything(Run.open(copies[step])) == whole
+
+
+def test_a_kill_between_the_last_snapshot_and_its_checkpoint_is_gone_on_from_the_one_before(
+    noisy_sphere: TriangleMesh, tmp_path: Path
+) -> None:
+    run = _run("denoise", "compact", noisy_sphere, tmp_path / "run")
+    for item in record(run.resume(), run):
+        if item.step == 9:
+            shutil.copy(run.folder / "checkpoint.pt", tmp_path / "checkpoint.pt")
+        if item.step == 10:
+            shutil.copytree(run.folder, tmp_path / "killed")
+    shutil.copy(tmp_path / "checkpoint.pt", tmp_path / "killed" / "checkpoint.pt")
+    killed = Run.open(tmp_path / "killed")
+    assert killed.state == "finished"
+    assert [item.step for item in record(killed.resume(), killed)] == [10]
+    assert _everything(Run.open(killed.folder)) == _everything(run)
+
+
+def test_a_kill_after_the_last_snapshot_costs_nothing(noisy_sphere: TriangleMesh, tmp_path: Path) -> None:
+    run = _run("denoise", "compact", noisy_sphere, tmp_path / "run")
+    for item in record(run.resume(), run):
+        if item.step == 10:
+            shutil.copytree(run.folder, tmp_path / "killed")
+    killed = Run.open(tmp_path / "killed")
+    assert killed.state == "finished"
+    assert _everything(killed) == _everything(run)
+    # Going on with it does what is left: it ends.
+    assert list(record(killed.resume(), killed)) == []
+    with pytest.raises(RunError, match="has reached step 10 already"):
+        Run.open(killed.folder).resume()
 
 
 @pytest.mark.parametrize(("task", "preset"), CASES)
