@@ -116,7 +116,9 @@ def test_an_interrupted_run_is_offered_at_the_next_start(
     assert isinstance(run, Run)
     assert is_run_folder(run.folder)
     manifest = json.loads((run.folder / "run.json").read_text())
-    (run.folder / "run.json").write_text(json.dumps({**manifest, "state": "running"}))  # as a killed process leaves it
+    manifest["state"] = "running"  # as a process leaves it that is killed with half of its steps done
+    manifest["settings"]["steps"] = 60
+    (run.folder / "run.json").write_text(json.dumps(manifest))
     viewer.workspace.problem = None
     viewer.window.banners.clear()
     viewer.opener.offer_interrupted_run()
@@ -126,7 +128,8 @@ def test_an_interrupted_run_is_offered_at_the_next_start(
     assert banner.message.action is not None
     banner.message.action[1]()
     assert viewer.background.wait(20)
-    assert viewer.workspace.shown_step == 30
+    wait_until_trained(viewer, qtbot)
+    assert viewer.workspace.shown_step == 60
 
 
 def test_events_of_another_run_are_not_heard(viewer: Controller, trained_run: FakeRun, problem: Problem) -> None:
