@@ -23,6 +23,7 @@ CURVE_COLUMNS = (
     "step", "seconds",
     "total_loss", "data_loss", "laplacian_loss", "position_loss", "normal_loss",
     "displacement", "input_distance", "held_out_error", "held_out_normal_error", "inserted_movement", "made_up_error",
+    "held_out_risk", "held_out_excess", "held_out_lowest_step",
     "mad", "vertex_error", "hole_distance", "hole_normal_error",
 )  # fmt: skip
 CURVE, CHECKPOINT, LOCK = "curve.csv", "checkpoint.pt", "run.lock"

@@ -25,6 +25,7 @@ Smoothing = Literal["laplacian", "spherical", "none"]
 Prediction = Literal["displacement", "position"]
 LaplacianOf = Literal["prediction", "change"]
 KnownVertices = Literal["keep", "predict"]
+Precision = Literal["auto", "float32", "bfloat16"]
 
 
 def _setting(
@@ -60,6 +61,17 @@ class Settings:
     )
     device: str = _setting("auto", "Where to compute: auto, cpu, cuda or cuda:N.", advanced=False)
     threads: int = _setting(0, "Processor threads for the training; 0 chooses by itself.", minimum=0, maximum=1024)
+    precision: Precision = _setting(
+        "auto",
+        "Numbers between the layers: 'float32'; 'bfloat16', which is shorter and faster on some processors; 'auto' takes the "
+        "shorter ones where they are faster.",
+    )
+    memory: float = _setting(
+        0.0,
+        "Memory that the training may use, in GB (10^9 bytes); 0 for what is free. Too little is refused at once.",
+        minimum=0.0,
+        maximum=1e6,
+    )
 
     convolution: Convolution = _setting(
         "gcn",
@@ -200,7 +212,7 @@ _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
         "average": 0.0,
     },
     ("best", "denoise"): {
-        "method": "recorrupted", "steps": 200, "snapshot_every": 10, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.0,
+        "method": "recorrupted", "steps": 200, "snapshot_every": 10, "log_every": 10, "learning_rate": 0.004, "hold_out": 0.1,
         "average": 0.97,
     },
 }  # fmt: skip

@@ -9,6 +9,8 @@ import numpy as np
 
 # The signal is averaged over this share of the curve, and at least three points, before its minimum is taken.
 _WINDOW_SHARE = 0.05
+# So many standard errors above its lowest value the risk on held-out parts has risen.
+_CLEARLY = 2.0
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,8 @@ def suggest(curve: Sequence[Mapping[str, float]], steps: Sequence[int]) -> Sugge
     candidates = [step for step in steps if step > 0]
     if not candidates:
         return Suggestion(steps[-1], "Nothing has been learnt yet.") if steps else None
+    if any("held_out_excess" in row for row in curve):
+        return _by_risk(curve, candidates)
     if any("position_loss" in row or "made_up_error" in row for row in curve):
         return Suggestion(candidates[-1], "The last step: this method does not overfit, so there is no step to choose.")
     if any("inserted_movement" in row for row in curve) and not any("held_out_error" in row for row in curve):
@@ -54,3 +58,13 @@ def suggest(curve: Sequence[Mapping[str, float]], steps: Sequence[int]) -> Sugge
     if best >= len(points) - 1 - half:
         return Suggestion(step, "The error of the held-out vertices is still falling: more steps may give a better mesh.")
     return Suggestion(step, f"The error of the held-out vertices is lowest around step {int(where[best])}.")
+
+
+def _by_risk(curve: Sequence[Mapping[str, float]], candidates: Sequence[int]) -> Suggestion:
+    """Suggest the last step, unless the risk on held-out parts is clearly higher there than it was before."""
+    last = next(row for row in reversed(curve) if "held_out_excess" in row)
+    if last["held_out_excess"] < _CLEARLY:
+        return Suggestion(candidates[-1], "The last step: the risk on vertices that the training never sees has not risen.")
+    lowest = last["held_out_lowest_step"]
+    step = min(candidates, key=lambda candidate: abs(candidate - lowest))
+    return Suggestion(step, f"The risk on vertices that the training never sees was clearly lower at step {int(lowest)}.")

@@ -67,7 +67,8 @@ def _matched(slots: IntArray, starts: IntArray, normals: FloatArray) -> IntArray
     around = normals[slots % len(normals)]
     directions = np.where(starts[slots] == starts[slots[0]], 1.0, -1.0)
     # Two faces side by side run in opposite directions when their normals agree.
-    scores = -(directions[:, None] * directions[None]) * (around @ around.T)
+    # Rounded, so that between faces at the same place their order decides, not the last digit of a coordinate.
+    scores = -np.round((directions[:, None] * directions[None]) * (around @ around.T), 9)
     rows, columns = np.triu_indices(len(slots), 1)
     free = np.ones(len(slots), dtype=bool)
     chosen = []

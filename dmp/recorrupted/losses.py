@@ -11,13 +11,13 @@ from torch.nn import functional
 _SLIVER = 0.05
 
 
-def position_loss(predicted: Tensor, target: Tensor) -> Tensor:
-    """Return the mean over vertices of || q_i - t_i ||^2 for predicted and recorrupted positions, (N, 3) both."""
-    return (predicted - target).square().sum(dim=1).mean()
+def position_errors(predicted: Tensor, target: Tensor) -> Tensor:
+    """Return || q_i - t_i ||^2 at each vertex, (N,), for predicted and recorrupted positions, (N, 3) both."""
+    return (predicted - target).square().sum(dim=1)
 
 
-def normal_loss(predicted: Tensor, target: Tensor, scale: Tensor) -> Tensor:
-    """Return the mean over faces of - n_f(q) . A_f(t) / Abar_f.
+def normal_errors(predicted: Tensor, target: Tensor, scale: Tensor) -> Tensor:
+    """Return - n_f(q) . A_f(t) / Abar_f at each face, (N,).
 
     It is linear in the area vector of the target, whose expectation is the true area vector, so it rewards the cosine to
     the *true* normals.
@@ -28,7 +28,7 @@ def normal_loss(predicted: Tensor, target: Tensor, scale: Tensor) -> Tensor:
         scale: Abar, a positive length for each face, (N, 1).
     """
     normals = functional.normalize(predicted, dim=1, eps=_SLIVER)
-    return -(normals * target / scale).sum(dim=1).mean()
+    return -(normals * target / scale).sum(dim=1)
 
 
 def weighted(position: Tensor, normal: Tensor, normal_weight: float) -> Tensor:

@@ -21,7 +21,7 @@ from dmp.topology import adjacency
 _ANCHOR_STEPS = 30
 # The flattening layer: so many passes over normals and vertices, and the kappa that they begin with. It reaches far where
 # normals agree, and little elsewhere.
-_FLATTENING_NORMAL_PASSES, _FLATTENING_VERTEX_PASSES, _FLATTENING_SHARPNESS = 40, 12, 24.0
+_FLATTENING_NORMAL_PASSES, _FLATTENING_VERTEX_PASSES, _FLATTENING_SHARPNESS = 80, 60, 24.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +92,12 @@ class RestorationNetwork(nn.Module):
         hidden = self.first.expand(incidence.n_faces, -1)
         for layer in self.layers:
             positions, hidden = layer(positions, hidden, incidence, level)
-        if flatten:
-            positions, _ = self.flattening(positions, hidden, incidence, level)
-        # What is coarse in the input is hardly noise. Given back, it keeps filtered regions and boundaries in their place.
+        # What is coarse in the input is hardly noise. Given back, it keeps filtered regions and boundaries in their place. It
+        # brings coarse waves of the noise along, which the flattening layer takes out where the surface is flat.
         coarse = given - positions
         for _ in range(_ANCHOR_STEPS):
             coarse = product(operators.half_lazy, operators.half_lazy_transposed, coarse)
-        return positions + self.anchor * coarse
+        positions = positions + self.anchor * coarse
+        if flatten:
+            positions, _ = self.flattening(positions, hidden, incidence, level)
+        return positions

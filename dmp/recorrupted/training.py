@@ -13,12 +13,21 @@ from torch import Tensor, nn
 
 from dmp.errors import SettingsError, TrainingError
 from dmp.geometry import face_area_vectors, normalised
-from dmp.mesh import FloatArray
+from dmp.mesh import BoolArray, FloatArray
 from dmp.problem import Problem
 from dmp.recorrupted.filter_bank import diffusions, invariants
-from dmp.recorrupted.losses import normal_loss, position_loss, weighted
+from dmp.recorrupted.held_out import hold_out_rings, standard_errors_above
+from dmp.recorrupted.losses import normal_errors, position_errors, weighted
 from dmp.recorrupted.network import Operators, RestorationNetwork
-from dmp.recorrupted.noise_model import NO_NOISE, NoiseModel, estimate_noise, level_along, lightly_smoothed
+from dmp.recorrupted.noise_model import (
+    NO_NOISE,
+    NoiseModel,
+    estimate_evenness,
+    estimate_noise,
+    level_along,
+    lightly_smoothed,
+    standard_draws,
+)
 from dmp.recorrupted.outliers import find_outliers, replaced
 from dmp.recorrupted.patches import Patch, patches, whole
 from dmp.recorrupted.products import area_vectors
@@ -29,15 +38,14 @@ from dmp.training import Training
 _LEAST_LEVEL = 0.01
 # Up to NO_NOISE the mesh stays as it is; from this level on the network has its way.
 _SURE_NOISE = 0.03
-# Whatever shape is left in an estimate makes it too high, by 0 to 7 % on the meshes tried. Taken too low by a part, about as
-# large a part of the noise stays in the result, so the caution is small, and the estimate is corrected on the way.
-_CAUTION = 0.98
 # At these shares of the steps what the restored mesh itself adds to the estimate is taken off it, that many times, because a
 # restored mesh has lost about half of its finest detail; but no more than to this part of the estimate.
 _CORRECTIONS, _DETAIL_LOST, _LEAST_PART = (0.15, 0.3, 0.45, 0.6), 4.0, 0.93
 # The noise that is added is at least this share as strong across the normal as along it.
 _LEAST_TANGENTIAL = 0.5
 _LARGEST_GRADIENT = 2.0
+# Of noise, in edge lengths; what a checkpoint says must be possible.
+_LARGEST_LEVEL = 1e3
 # Area vectors of a lightly smoothed mesh scale the normal term; a sliver's would let its noise count without bound.
 _LEAST_AREA_VECTOR = 0.15
 # The learning rate falls along a cosine to this share of its first value.
@@ -47,6 +55,8 @@ _WARM_UP = 20
 # Starts of the bilateral weights among which the risk of the untrained network chooses: from smooth to sharp shapes.
 _SHARPNESSES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 _RISK_DRAWS = 4
+# Draws by which the held-out rings are judged; the noise of the input itself, which no draw changes, counts for more.
+_HELD_OUT_DRAWS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +68,17 @@ class _Piece:
     positions: Tensor
     normals: Tensor
     area_scale: Tensor
-    judged_vertices: Tensor | None
-    judged_faces: Tensor | None
+    judged_vertices: Tensor | None = None
+    judged_faces: Tensor | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Lowest:
+    """Where the risk on the held-out rings was lowest so far."""
+
+    step: int
+    network: RestorationNetwork
+    risk: FloatArray
 
 
 class RecorruptedTraining(Training):
@@ -69,6 +88,9 @@ class RecorruptedTraining(Training):
     are independent (Pang et al., "Recorrupted-to-Recorrupted", CVPR 2021). The prediction is the output for y itself of a
     network whose weights are the running average (``settings.average``) of the trained ones: single weights swing, mostly
     along the surface, and their average does not.
+
+    Beside the losses it measures, at logged steps, ``held_out_risk``: the loss on rings of vertices that the training never
+    sees; ``held_out_excess``: by how many standard errors that is above the lowest so far; and ``held_out_lowest_step``.
     """
 
     def __init__(self, problem: Problem, settings: Settings, *, run_id: str | None = None) -> None:
@@ -90,7 +112,10 @@ class RecorruptedTraining(Training):
         everything = whole(faces, len(positions))
         self._whole = self._piece(everything, positions, areas)
         parts = patches(smoothed, faces, settings.patch_size)
-        self._pieces = [self._whole] if len(parts) == 1 else [self._piece(part, positions, areas) for part in parts]
+        hidden, self._rings = hold_out_rings(parts, len(positions), settings.hold_out, settings.seed)
+        pieces = [self._whole] if len(parts) == 1 else [self._piece(part, positions, areas) for part in parts]
+        self._pieces = [self._without(piece, hidden) for piece in pieces]
+        self._lowest: _Lowest | None = None
 
         self._generator = torch.Generator().manual_seed(settings.seed)
         # Forked, so that the caller's own random numbers stay as they were.
@@ -100,7 +125,7 @@ class RecorruptedTraining(Training):
         self._network = network.to(self.device)
         first = self._pieces[0]
         differences, normals = diffusions(
-            first.positions + settings.recorruption * self._noise(first)[0],
+            first.positions + settings.recorruption * self._noise(first, self._generator)[0],
             first.operators.half_lazy,
             first.operators.incidence,
         )
@@ -125,27 +150,35 @@ class RecorruptedTraining(Training):
 
     def _piece(self, patch: Patch, positions: FloatArray, areas: FloatArray) -> _Piece:
         own = areas[patch.face_indices]
-        scale = np.maximum(np.linalg.norm(own, axis=1, keepdims=True), _LEAST_AREA_VECTOR)
-        everywhere = len(patch.judged_vertices) == len(patch.vertices)
         return _Piece(
             patch=patch,
             operators=Operators.of(patch.faces, len(patch.vertices), normalised(own), self.device),
             positions=self._tensor(positions[patch.vertices]),
             normals=self._tensor(self.noise.normals[patch.vertices]),
-            area_scale=self._tensor(scale if everywhere else scale[patch.judged_faces]),
-            judged_vertices=None if everywhere else torch.from_numpy(patch.judged_vertices).to(self.device),
-            judged_faces=None if everywhere else torch.from_numpy(patch.judged_faces).to(self.device),
+            area_scale=self._tensor(np.maximum(np.linalg.norm(own, axis=1, keepdims=True), _LEAST_AREA_VECTOR)),
         )
 
-    def _noise(self, piece: _Piece) -> tuple[Tensor, Tensor]:
+    def _without(self, piece: _Piece, hidden: BoolArray) -> _Piece:
+        """Return the piece with losses that look neither at its margin nor at the ``hidden`` vertices of the mesh, (V,)."""
+        patch, apart = piece.patch, hidden[piece.patch.vertices]
+        vertices = patch.judged_vertices[~apart[patch.judged_vertices]]
+        faces = patch.judged_faces[~apart[patch.faces[patch.judged_faces]].any(axis=1)]
+        if len(vertices) == len(patch.vertices):
+            return piece
+        return replace(
+            piece,
+            judged_vertices=torch.from_numpy(vertices).to(self.device),
+            judged_faces=torch.from_numpy(faces).to(self.device),
+        )
+
+    def _noise(self, piece: _Piece, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """Return what is added to the input and what is taken off the target, before the factor a, (v, 3) both.
 
         With A and B that map z to the two, A B^T must be the covariance of the noise. Where the noise is along the normal, A
         still moves vertices across it: otherwise every draw would leave them in the very same tangential places, by which the
         network knows them again and learns their noise. B shrinks as A grows, so that their product stays the same.
         """
-        # Drawn on the processor, so that a run does not depend on the device.
-        draws = torch.randn(piece.positions.shape, generator=self._generator).to(self.device)
+        draws = standard_draws(len(piece.positions), self.noise.evenness, generator).to(self.device)
         share = self.noise.tangential
         if share >= 1:
             return self.noise.level * draws, self.noise.level * draws
@@ -154,20 +187,55 @@ class RecorruptedTraining(Training):
         added = max(share, _LEAST_TANGENTIAL)
         return self.noise.level * (along + added * across), self.noise.level * (along + share**2 / added * across)
 
+    def _restored(
+        self, network: RestorationNetwork, piece: _Piece, generator: torch.Generator, *, flatten: bool = True
+    ) -> tuple[Tensor, Tensor]:
+        """Return what the network makes of a recorrupted copy of a piece, and the target that belongs to it, (v, 3) both."""
+        added, taken = self._noise(piece, generator)
+        output = network(piece.positions + self.settings.recorruption * added, piece.operators, self._level, flatten)
+        return output, piece.positions - taken / self.settings.recorruption
+
     def _forward(self, *, flatten: bool = True) -> dict[str, Tensor]:
         chosen = torch.randint(len(self._pieces), (), generator=self._generator) if len(self._pieces) > 1 else 0
         piece = self._pieces[int(chosen)]
-        added, taken = self._noise(piece)
-        output = self._network(piece.positions + self.settings.recorruption * added, piece.operators, self._level, flatten)
-        target = piece.positions - taken / self.settings.recorruption
-        position = position_loss(_rows(output, piece.judged_vertices), _rows(target, piece.judged_vertices))
-        faces = piece.operators.incidence.corners.view(3, -1)
-        if piece.judged_faces is not None:
-            faces = faces.index_select(1, piece.judged_faces)
-        predicted = area_vectors(_corners(output, faces))
-        normal = normal_loss(predicted, area_vectors(_corners(target, faces)), piece.area_scale)
+        output, target = self._restored(self._network, piece, self._generator, flatten=flatten)
+        position = position_errors(_rows(output, piece.judged_vertices), _rows(target, piece.judged_vertices)).mean()
+        normal = _normal_errors(output, target, piece, piece.judged_faces).mean()
         total = weighted(position, normal, self.settings.normal_weight)
         return {"total_loss": total, "position_loss": position, "normal_loss": normal}
+
+    # -- the held-out rings -----------------------------------------------------------------------------------------
+
+    @torch.no_grad()
+    def _held_out_risk(self, network: RestorationNetwork) -> FloatArray:
+        """Return each held-out ring's part of the loss that the network makes on all of them, the same draws every time."""
+        generator = torch.Generator().manual_seed(self.settings.seed)
+        n_rings = 1 + max(int(rings.vertex_rings.max(initial=-1)) for rings in self._rings)
+        position, normal = np.zeros(n_rings), np.zeros(n_rings)
+        for rings in self._rings:
+            piece = self._pieces[rings.patch]
+            vertices, faces = (torch.from_numpy(own).to(self.device) for own in (rings.vertices, rings.faces))
+            for _ in range(_HELD_OUT_DRAWS):
+                output, target = self._restored(network, piece, generator)
+                of_vertices = position_errors(output.index_select(0, vertices), target.index_select(0, vertices))
+                of_faces = _normal_errors(output, target, piece, faces)
+                position += np.bincount(rings.vertex_rings, of_vertices.cpu().numpy(), n_rings)
+                normal += np.bincount(rings.face_rings, of_faces.cpu().numpy(), n_rings)
+        n_vertices = _HELD_OUT_DRAWS * sum(len(rings.vertices) for rings in self._rings)
+        n_faces = _HELD_OUT_DRAWS * max(1, sum(len(rings.faces) for rings in self._rings))
+        return position / n_vertices + self.settings.normal_weight * normal / n_faces
+
+    def _look_at_held_out(self) -> dict[str, Tensor]:
+        # Between two logged steps nobody is told, and a look out of turn must not change what is found later.
+        if not self._rings or self.step == 0 or self.step % self.settings.log_every:
+            return {}
+        risk = self._held_out_risk(self._average)
+        lowest = self._lowest
+        if lowest is None or risk.sum() < lowest.risk.sum():
+            lowest = self._lowest = _Lowest(self.step, copy.deepcopy(self._average), risk)
+        excess = standard_errors_above(risk, lowest.risk)
+        values = {"held_out_risk": risk.sum(), "held_out_excess": excess, "held_out_lowest_step": lowest.step}
+        return {name: torch.tensor(float(value), dtype=torch.float64) for name, value in values.items()}
 
     def _losses_before(self) -> Mapping[str, Tensor]:
         # With the random numbers put back, so that a training that is asked for its first record is no other training.
@@ -198,22 +266,33 @@ class RecorruptedTraining(Training):
                 mean.lerp_(weight, 1 - decay)
 
         if self.step + 1 in {round(share * self.settings.steps) for share in _CORRECTIONS}:
-            self._correct_level()
+            self._look_at_noise_again()
 
     @torch.no_grad()
-    def _correct_level(self) -> None:
-        """Take what the restored shape itself adds to the estimate of the noise off it, unless a person gave the level."""
-        estimate = self._estimate.level
-        if self.settings.noise_level or estimate < _SURE_NOISE:
+    def _look_at_noise_again(self) -> None:
+        """Learn about the noise from what the restoration takes away.
+
+        What the restored shape itself adds to the estimate of the level is taken off it, unless a person gave the level. And
+        the draws get the distribution of the noise: if it is the same, noise and draw can change places, so that a network
+        that knows their sum expects their difference to be 0, whatever that distribution is.
+        """
+        if self.noise.level < _SURE_NOISE:
             return
-        whole = self._whole
+        whole, normals = self._whole, self.noise.normals
         restored = self._average(whole.positions, whole.operators, self._level).cpu().numpy().astype(np.float64)
-        shape = level_along(restored, whole.patch.faces, self.noise.normals)
-        left = np.sqrt(max(estimate**2 - _DETAIL_LOST * shape**2, (_LEAST_PART * estimate) ** 2))
-        self.noise = replace(self.noise, level=_CAUTION * float(left))
+        removed = np.einsum("vc,vc->v", whole.positions.cpu().numpy() - restored, normals)
+        level = self.noise.level
+        if not self.settings.noise_level:
+            estimate, shape = self._estimate.level, level_along(restored, whole.patch.faces, normals)
+            level = float(np.sqrt(max(estimate**2 - _DETAIL_LOST * shape**2, (_LEAST_PART * estimate) ** 2)))
+        self.noise = replace(self.noise, level=level, evenness=estimate_evenness(removed, normals))
+        if self._lowest is not None:
+            # Risks under different noise can't be compared.
+            self._lowest = replace(self._lowest, risk=self._held_out_risk(self._lowest.network))
 
     @torch.no_grad()
     def _prediction(self) -> Tensor:
+        self._losses = {**self._losses, **self._look_at_held_out()}
         before = self._whole.positions
         after = self._average(before, self._whole.operators, self._level)
         return torch.lerp(before, after, self._trust) * self._scale
@@ -224,8 +303,12 @@ class RecorruptedTraining(Training):
             "average": self._average.state_dict(),
             "optimiser": self._optimiser.state_dict(),
             "generator": self._generator.get_state(),
-            "noise_level": self.noise.level,
+            "noise": {"level": self.noise.level, "evenness": self.noise.evenness},
+            "lowest": None if self._lowest is None else self._lowest_state(self._lowest),
         }
+
+    def _lowest_state(self, lowest: _Lowest) -> dict[str, Any]:
+        return {"step": lowest.step, "network": lowest.network.state_dict(), "risk": torch.from_numpy(lowest.risk)}
 
     def _load_weights(self, state: Mapping[str, Any]) -> None:
         if len(state["optimiser"]["param_groups"][0]["params"]) != len(list(self._network.parameters())):
@@ -234,7 +317,18 @@ class RecorruptedTraining(Training):
         self._average.load_state_dict(state["average"])
         self._optimiser.load_state_dict(state["optimiser"])
         self._generator.set_state(state["generator"].cpu())
-        self.noise = replace(self.noise, level=float(state["noise_level"]))
+        noise, lowest = state["noise"], state["lowest"]
+        self.noise = replace(self.noise, level=float(noise["level"]), evenness=float(noise["evenness"]))
+        if not (0 <= self.noise.level < _LARGEST_LEVEL and 0 <= self.noise.evenness <= 1):
+            raise TrainingError("The checkpoint is damaged: it tells of impossible noise.")
+        self._lowest = None
+        if lowest is not None:
+            network = copy.deepcopy(self._average)
+            network.load_state_dict(lowest["network"])
+            risk = lowest["risk"].numpy().astype(np.float64)
+            if not self._rings or risk.shape != self._held_out_risk(network).shape:
+                raise TrainingError("The checkpoint belongs to another mesh: other parts of it were held out.")
+            self._lowest = _Lowest(int(lowest["step"]), network, risk)
 
     def _tensor(self, values: FloatArray) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32)).to(self.device)
@@ -250,7 +344,16 @@ def _corners(positions: Tensor, faces: Tensor) -> Tensor:
 
 def _with_settings(noise: NoiseModel, settings: Settings) -> NoiseModel:
     return NoiseModel(
-        settings.noise_level or _CAUTION * noise.level,
+        settings.noise_level or noise.level,
         noise.tangential if settings.noise_tangential < 0 else settings.noise_tangential,
         noise.normals,
     )
+
+
+def _normal_errors(output: Tensor, target: Tensor, piece: _Piece, chosen: Tensor | None) -> Tensor:
+    """Return the error of the normals of all faces of a piece, or of the ``chosen`` ones, (N,)."""
+    faces = piece.operators.incidence.corners.view(3, -1)
+    if chosen is not None:
+        faces = faces.index_select(1, chosen)
+    predicted, wanted = area_vectors(_corners(output, faces)), area_vectors(_corners(target, faces))
+    return normal_errors(predicted, wanted, _rows(piece.area_scale, chosen))

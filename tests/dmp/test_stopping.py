@@ -39,3 +39,19 @@ def test_reasons_fit_the_method_and_the_length_of_the_run() -> None:
     other = suggest([{"step": 10, "position_loss": 0.5}], [0, 10])
     assert other is not None
     assert "does not overfit" in other.reason
+
+
+def _risks(*rows: tuple[int, float, float, int]) -> list[dict[str, float]]:
+    names = ("step", "held_out_risk", "held_out_excess", "held_out_lowest_step")
+    return [{**dict(zip(names, row, strict=True)), "position_loss": 0.5} for row in rows]
+
+
+def test_the_last_step_stands_unless_the_risk_has_clearly_risen() -> None:
+    still = suggest(_risks((10, 1.0, 0.0, 10), (20, 0.9, 0.0, 20), (30, 0.91, 1.2, 20)), [0, 10, 20, 30])
+    assert still is not None
+    assert still.step == 30
+    assert "has not risen" in still.reason
+    risen = suggest(_risks((10, 1.0, 0.0, 10), (20, 0.9, 0.0, 20), (30, 1.1, 3.2, 20)), [0, 10, 20, 30])
+    assert risen is not None
+    assert risen.step == 20
+    assert "clearly lower at step 20" in risen.reason

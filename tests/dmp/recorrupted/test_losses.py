@@ -7,7 +7,7 @@ import torch
 
 from dmp.geometry import face_area_vectors
 from dmp.mesh import TriangleMesh
-from dmp.recorrupted.losses import normal_loss, position_loss
+from dmp.recorrupted.losses import normal_errors, position_errors
 
 _DRAWS = 4000
 
@@ -23,7 +23,9 @@ def test_position_term_is_the_true_error_plus_a_constant(tetrahedron: TriangleMe
     level, clean = 0.3, tetrahedron.vertices
     inputs, targets = _recorrupted(clean, level, seed=1)
     outputs = 0.6 * inputs + 0.1 * inputs**2  # any function of the inputs
-    losses = [float(position_loss(torch.from_numpy(q), torch.from_numpy(t))) for q, t in zip(outputs, targets, strict=True)]
+    losses = [
+        float(position_errors(torch.from_numpy(q), torch.from_numpy(t)).mean()) for q, t in zip(outputs, targets, strict=True)
+    ]
     true_error = float(((outputs - clean) ** 2).sum(axis=2).mean())
     # The target's own error, y - z - x, has the variance of two noises in each of three coordinates.
     constant = 3 * 2 * level**2
@@ -35,7 +37,9 @@ def test_target_noise_that_is_not_independent_would_be_seen(tetrahedron: Triangl
     level, clean = 0.3, tetrahedron.vertices
     noisy = clean + level * np.random.default_rng(2).standard_normal((_DRAWS, *clean.shape))
     outputs = 0.6 * noisy + 0.1 * noisy**2
-    losses = [float(position_loss(torch.from_numpy(q), torch.from_numpy(t))) for q, t in zip(outputs, noisy, strict=True)]
+    losses = [
+        float(position_errors(torch.from_numpy(q), torch.from_numpy(t)).mean()) for q, t in zip(outputs, noisy, strict=True)
+    ]
     true_error = float(((outputs - clean) ** 2).sum(axis=2).mean())
     assert np.mean(losses) < true_error + 3 * level**2 - 20 * np.std(losses) / np.sqrt(_DRAWS)
 
@@ -55,9 +59,28 @@ def test_normal_term_is_the_cosine_to_the_true_normals(tetrahedron: TriangleMesh
     outputs = [torch.from_numpy(face_area_vectors(0.5 * q + 0.02 * q**3, faces)) for q in inputs]
     losses, cosines = [], []
     for output, target in zip(outputs, targets, strict=True):
-        losses.append(float(normal_loss(output, torch.from_numpy(face_area_vectors(target, faces)), scale)))
+        losses.append(float(normal_errors(output, torch.from_numpy(face_area_vectors(target, faces)), scale).mean()))
         directions = output / output.norm(dim=1, keepdim=True)
         cosines.append(float((directions * torch.from_numpy(true_areas) / scale).sum(dim=1).mean()))
     difference = np.array(losses) + np.array(cosines)
     assert abs(difference.mean()) < 4 * difference.std() / np.sqrt(_DRAWS)
     assert np.mean(cosines) < 0.99  # and this is not the trivial case of perfect normals
+
+
+def test_uniform_noise_needs_uniform_draws(tetrahedron: TriangleMesh) -> None:
+    """The bias of the position term for an output that is no linear function of the input, with either kind of draws."""
+    level, clean = 0.3, tetrahedron.vertices
+    generator = np.random.default_rng(5)
+    shape = (20 * _DRAWS, *clean.shape)
+    noise = level * np.sqrt(3) * generator.uniform(-1, 1, shape)
+
+    def bias(draws: np.ndarray) -> tuple[float, float]:
+        output = clean + 3.0 * (noise + draws) ** 3  # keeps a part of the noise that depends on how large it is
+        term = ((output - (clean + noise - draws)) ** 2).sum(axis=2) - ((output - clean) ** 2).sum(axis=2)
+        term = term - ((noise - draws) ** 2).sum(axis=2)  # what no output can change
+        return float(term.mean()), float(term.std() / np.sqrt(term.size))
+
+    alike, error = bias(level * np.sqrt(3) * generator.uniform(-1, 1, shape))
+    assert abs(alike) < 4 * error
+    other, error = bias(level * generator.standard_normal(shape))
+    assert abs(other) > 20 * error

@@ -2,10 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from dmp.geometry import vertex_normals
 from dmp.mesh import TriangleMesh
-from dmp.recorrupted.noise_model import estimate_noise
+from dmp.recorrupted.noise_model import estimate_evenness, estimate_noise, standard_draws
 from dmp.recorrupted.outliers import find_outliers, replaced
 from tests.meshes import sphere_mesh
 
@@ -96,3 +97,29 @@ def test_little_noise_is_not_mistaken_for_the_edges_of_a_cube() -> None:
     cube = solid_cube(24)
     noise = 0.05 * np.random.default_rng(8).standard_normal(cube.vertices.shape)
     assert estimate_noise(cube.vertices + noise, cube.faces).level == pytest.approx(0.05, rel=0.35)
+
+
+def test_uniform_noise_is_told_from_normal_noise(ball: TriangleMesh) -> None:
+    normals = vertex_normals(ball.vertices, ball.faces)
+    generator = np.random.default_rng(3)
+
+    def evenness(noise: np.ndarray) -> float:
+        return estimate_evenness(0.2 * (noise * normals).sum(axis=1), normals)
+
+    shape = ball.vertices.shape
+    uniform, normal = np.sqrt(3) * generator.uniform(-1, 1, shape), generator.standard_normal(shape)
+    assert evenness(uniform) > 0.75
+    assert evenness(normal) == 0.0
+    assert 0.3 < evenness(np.sqrt(0.6) * uniform + np.sqrt(0.4) * normal) < 0.85
+    # Heavy tails are what errors at sharp edges look like.
+    assert evenness(generator.standard_t(4, shape)) == 0.0
+    assert estimate_evenness(np.zeros(len(normals)), normals) == 0.0
+
+
+def test_draws_have_mean_zero_and_variance_one() -> None:
+    for evenness in (0.0, 0.5, 1.0):
+        draws = standard_draws(200_000, evenness, torch.Generator().manual_seed(1)).numpy()
+        assert np.abs(draws.mean(axis=0)).max() < 0.01
+        assert np.abs(draws.var(axis=0) - 1).max() < 0.01
+        # Of independent values the fourth cumulants add; a uniform one has -1.2, weighted by the square of its variance.
+        assert (draws**4).mean() - 3 == pytest.approx(-1.2 * evenness**2, abs=0.03)

@@ -181,7 +181,7 @@ def test_what_is_added_and_what_is_taken_share_the_covariance_of_the_noise(noisy
     training = _training(noisy_sphere, noise_level=0.2, noise_tangential=share)
     assert isinstance(training, RecorruptedTraining)
     piece = training._pieces[0]
-    pairs = [training._noise(piece) for _ in range(40)]
+    pairs = [training._noise(piece, training._generator) for _ in range(40)]
     added, taken = (torch.stack(values) for values in zip(*pairs, strict=True))
     normals = piece.normals
     along = (added * normals).sum(dim=2) * (taken * normals).sum(dim=2)
