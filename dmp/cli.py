@@ -12,7 +12,7 @@ import cyclopts
 from cyclopts import App, Parameter
 
 from dmp import __version__
-from dmp.commands import experimenting, filtering, kept_runs, measuring, meshes, repairing, restoring
+from dmp.commands import batching, experimenting, exporting, filtering, kept_runs, measuring, meshes, repairing, restoring
 from dmp.commands.common import EXIT_DONE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_USAGE, say
 from dmp.errors import DmpError
 from dmp.waiting import spin_only_briefly
@@ -28,13 +28,19 @@ for _command in (
     restoring.complete,
     kept_runs.resume,
     kept_runs.export,
-    kept_runs.runs,
+    exporting.picture,
+    exporting.animate,
+    exporting.curve,
+    exporting.report,
+    kept_runs.runs_app,
     meshes.metrics,
     meshes.info,
     meshes.noise,
     meshes.smooth,
     repairing.repair,
     filtering.filter_,
+    batching.batch,
+    batching.serve,
     experimenting.experiment,
     measuring.benchmark,
 ):

@@ -9,16 +9,22 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dmp.devices import has_fast_bfloat16
 from dmp.errors import SettingsError, TrainingError
 from dmp.layers import convolution_maker, graph_for
 from dmp.losses import data_loss, laplacian_loss
+from dmp.memory_needs import has_room_for_outputs
 from dmp.mesh import FloatArray, IntArray
 from dmp.network import LAYOUTS, DisplacementNetwork
 from dmp.operators import to_torch
 from dmp.problem import Problem
-from dmp.settings import Settings
+from dmp.renumbering import inverse_of, locality_order
+from dmp.settings import Precision, Settings
 from dmp.topology import adjacency
 from dmp.training import Training
+
+# From so many channels in the widest layer on, bfloat16 was measured to be faster where the processor has products for it.
+_WIDE = 512
 
 
 class DeepMeshPrior(Training):
@@ -34,14 +40,22 @@ class DeepMeshPrior(Training):
         super().__init__(problem, settings, _choose_held_out(problem, settings.hold_out, generator), run_id)
         fitted = np.setdiff1d(np.flatnonzero(problem.known), self.held_out, assume_unique=True)
 
-        neighbours = adjacency(problem.mesh.faces, problem.mesh.n_vertices)
-        self._graph = graph_for(settings, problem.mesh.faces, problem.base, self.device)
+        # Inside, vertices have another order than in the file; what comes out is in that of the file again.
+        n_vertices = problem.mesh.n_vertices
+        order = locality_order(adjacency(problem.mesh.faces, n_vertices))
+        inverse = inverse_of(order)
+        faces, base = inverse[problem.mesh.faces], problem.base[order]
+        fitted = np.sort(inverse[fitted])
+        self._order, self._inverse = (torch.from_numpy(numbers).to(self.device) for numbers in (order, inverse))
+
+        neighbours = adjacency(faces, n_vertices)
+        self._graph = graph_for(settings, faces, base, self.device)
         self._adjacency = to_torch(neighbours, self.device)
         # A vertex of degenerate faces only may have no neighbour; its Laplacian is then the vertex itself over 1.
         self._valence = self._tensor(np.maximum(neighbours.sum(axis=1), 1.0)[:, None])
-        self._features = torch.from_numpy(features).to(self.device)
-        self._target = self._tensor(problem.to_training_units(problem.target))
-        self._base = self._tensor(problem.to_training_units(problem.base))
+        self._features = torch.from_numpy(features[order]).to(self.device)
+        self._target = self._tensor(problem.to_training_units(problem.target[order]))
+        self._base = self._tensor(problem.to_training_units(base))
         self._fitted = None if len(fitted) == len(problem.known) else torch.from_numpy(fitted).to(self.device)
 
         # Forked, so that the caller's own random numbers stay as they were.
@@ -56,6 +70,16 @@ class DeepMeshPrior(Training):
                 convolution=convolution_maker(settings),
             )
         self._network = network.to(self.device)
+        self._buffers = None
+        if self.device.type == "cpu":
+            self._buffers = network.buffers_for(
+                n_vertices,
+                dtype=_between_layers(settings.precision, max(layout.widths)),
+                # Whether they are kept changes no digit of the result.
+                keep_outputs=has_room_for_outputs(settings, n_vertices),
+            )
+        if self._buffers is not None and isinstance(self._graph, Tensor):
+            self._graph = self._graph.to(self._buffers.dtype)
         self._optimiser = torch.optim.Adam(self._network.parameters(), lr=settings.learning_rate, fused=True)
         self._output = self._base
         self._average: Tensor | None = None
@@ -66,7 +90,7 @@ class DeepMeshPrior(Training):
         return sum(parameter.numel() for parameter in self._network.parameters())
 
     def _forward(self) -> Mapping[str, Tensor]:
-        output = self._network(self._features, self._graph)
+        output = self._network(self._features, self._graph, self._buffers)
         if self.settings.predict == "displacement":
             output = output + self._base
         self._output = output.detach()
@@ -99,13 +123,14 @@ class DeepMeshPrior(Training):
             self._average.lerp_(self._output, 1 - decay)
 
     def _prediction(self) -> Tensor:
-        return self._output if self._average is None else self._average
+        shown = self._output if self._average is None else self._average
+        return shown.index_select(0, self._inverse)
 
     def _weights(self) -> dict[str, Any]:
         return {
             "network": self._network.state_dict(),
             "optimiser": self._optimiser.state_dict(),
-            "average": self._average,
+            "average": None if self._average is None else self._average.index_select(0, self._inverse),
         }
 
     def _load_weights(self, state: Mapping[str, Any]) -> None:
@@ -114,10 +139,18 @@ class DeepMeshPrior(Training):
         average = state["average"]
         if average is not None and average.shape != self._target.shape:
             raise TrainingError("The checkpoint belongs to a mesh with another number of vertices.")
-        self._average = None if average is None else average.to(self.device)
+        self._average = None if average is None else average.to(self.device).index_select(0, self._order)
 
     def _tensor(self, values: FloatArray) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32)).to(self.device)
+
+
+def _between_layers(precision: Precision, widest: int) -> torch.dtype:
+    """Return the type of the numbers that a network on the processor keeps between its layers."""
+    if precision == "auto":
+        # Narrow layers spend their time on other things than matrix products, and those are slower in bfloat16.
+        return torch.bfloat16 if widest >= _WIDE and has_fast_bfloat16() else torch.float32
+    return torch.bfloat16 if precision == "bfloat16" else torch.float32
 
 
 def _choose_held_out(problem: Problem, share: float, generator: np.random.Generator) -> IntArray:

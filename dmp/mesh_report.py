@@ -357,8 +357,18 @@ def _far_away(look: _Look) -> Iterator[Finding]:
     places = look.mesh.vertices[look.connected]
     reach = float(np.abs(places).max())
     rounding = reach * float(np.finfo(np.float32).eps) / 2 / look.edge_length
-    if rounding > _ROUNDING:
-        size = float(np.linalg.norm(np.ptp(places, axis=0)))
+    size = float(np.linalg.norm(np.ptp(places, axis=0)))
+    step = float(np.spacing(reach)) / look.edge_length
+    if step > _ROUNDING:
+        yield Finding(
+            "far from the origin",
+            1,
+            f"The mesh lies {reach / size:,.0f} times its size away from the origin.",
+            f"So far away even double precision only has places that are {step:.2g} edge lengths apart: the shape has "
+            "already been rounded to them. Move the mesh to the origin in the program it came from.",
+            "warning",
+        )
+    elif rounding > _ROUNDING:
         yield Finding(
             "far from the origin",
             1,

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from dmp.deep_mesh_prior import DeepMeshPrior
 from dmp.made_up_holes.training import MadeUpHoles
+from dmp.memory_needs import check_memory
 from dmp.problem import Problem
 from dmp.recorrupted.training import RecorruptedTraining
 from dmp.settings import Settings
@@ -17,10 +18,11 @@ def training_for(problem: Problem, settings: Settings, *, run_id: str | None = N
     """Return a fresh training of the method that ``settings`` name, of all vertices that have neighbours.
 
     Raises:
-        SettingsError: when the method cannot do what the settings say.
+        SettingsError: when the method cannot do what the settings say, or the memory will not do.
         MeshError: when the mesh gives the method nothing to learn from.
     """
     problem = problem.trainable_part()
+    check_memory(settings, problem.mesh.n_vertices)
     if settings.method == "made-up-holes":
         return MadeUpHoles(problem, settings, run_id=run_id)
     if settings.method == "recorrupted":

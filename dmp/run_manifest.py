@@ -129,9 +129,23 @@ class Described:
         return plain_text(self._manifest.get("reason"), 500) if self._manifest["state"] == "failed" else ""
 
     @property
+    def has_ended(self) -> bool:
+        """Whether its training came to its end by itself and said so; nothing but its result can be missing then."""
+        return bool(self._manifest["state"] == "finished")
+
+    @property
     def device(self) -> str | None:
         """Where it was trained last."""
         return plain_text(self._manifest.get("device")) or None
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """The versions of this program and of what it rests on, by name, when the run was made."""
+        found = self._manifest.get("versions")
+        if not isinstance(found, dict):
+            return {}
+        shown = {plain_text(name, 20): plain_text(version, 40) for name, version in list(found.items())[:12]}
+        return {name: version for name, version in shown.items() if name and version}
 
     @property
     def recorded_threads(self) -> int | None:

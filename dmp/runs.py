@@ -15,6 +15,7 @@ import re
 import shutil
 import uuid
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
@@ -38,7 +39,7 @@ from dmp.run_files import (
     parse_checkpoint,
     read_checkpoint,
 )
-from dmp.run_folder import RunFolder
+from dmp.run_folder import RunFolder, plain_text
 from dmp.run_manifest import Described, check_digests, new_manifest, read_manifest, take_digests, write_manifest
 from dmp.run_outbox import Outbox, cause_of
 from dmp.settings import Settings, validated
@@ -65,18 +66,12 @@ def is_run_folder(path: Path | str) -> bool:
 
 def list_runs(folder: Path | None = None) -> list[Run]:
     """Return the readable runs in ``folder`` (default: :func:`default_runs_folder`), newest first."""
-    root = folder or default_runs_folder()
     runs = []
-    try:
-        candidates = list(root.iterdir())
-    except OSError:
-        candidates = []
-    for candidate in candidates:
-        if is_run_folder(candidate):
-            try:
-                runs.append(Run.open(candidate))
-            except RunError:
-                continue
+    with suppress(OSError):
+        for candidate in (folder or default_runs_folder()).iterdir():
+            if is_run_folder(candidate):
+                with suppress(RunError):
+                    runs.append(Run.open(candidate))
     return sorted(runs, key=lambda run: run.created, reverse=True)
 
 
@@ -210,6 +205,25 @@ class Run(Described):
     def is_in_memory(self) -> bool:
         """Whether something that it has learnt could not be written to its folder."""
         return not self._outbox.is_empty
+
+    def rename(self, name: str) -> None:
+        """Call the run something else, also while it is trained here.
+
+        Raises:
+            RunError: when the name has nothing to show, another process trains the run, or that cannot be written.
+        """
+        text, before = plain_text(" ".join(name.split())).strip(), self._manifest["name"]
+        if not text:
+            raise RunError("A run needs a name.")
+        if not self._is_training and self.state == "running":
+            raise RunError(f"“{self.name}” is being trained by another window or command. Rename it when that has ended.")
+        self._manifest["name"] = text
+        try:
+            if not self._needs_first_files:
+                self._write_manifest()
+        except OSError as error:
+            self._manifest["name"] = before
+            raise RunError(f"The name cannot be written to {self.folder}: {cause_of(error)}.") from error
 
     # -- what is in it ----------------------------------------------------------------------------------------------
 

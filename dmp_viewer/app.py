@@ -90,6 +90,7 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
     from dmp_viewer import settings as preferences_file
     from dmp_viewer.controller import Controller
     from dmp_viewer.picture_job import PictureJob
+    from dmp_viewer.shutdown import Shutdown
     from dmp_viewer.tasks import TASKS
     from dmp_viewer.views.main_window import MainWindow
     from dmp_viewer.views.run_panel import available_devices
@@ -105,6 +106,7 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
     window = MainWindow(multi_samples=opengl.multi_samples, tasks=TASKS, devices=available_devices())
     controller = Controller(window, preferences, None if batch else path)
     startup.install_hooks(controller.tell_error)
+    Shutdown(controller, application)
     settings = settings_for(arguments.task, arguments.preset, **arguments.overrides)
     if arguments.at_step and arguments.at_step % settings.snapshot_every:
         # The last step of a training always has a snapshot, so any step can be asked for.
@@ -118,6 +120,7 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
         job = PictureJob(controller, arguments.screenshot, arguments.at_step)
     elif arguments.path is None:
         controller.opener.offer_interrupted_run()
+        controller.queue.offer_kept()
     if arguments.path is not None:
         controller.opener.open_path(arguments.path, arguments.ground_truth)
         if arguments.start or (arguments.at_step is not None and not arguments.path.is_dir()):

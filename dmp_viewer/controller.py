@@ -22,17 +22,23 @@ from dmp_viewer.background import Background
 from dmp_viewer.comparing_control import ComparingControl
 from dmp_viewer.curve_notes import is_judged_by_rest
 from dmp_viewer.export import Exporter
+from dmp_viewer.export_control import ExportControl
 from dmp_viewer.hole_control import HoleControl
 from dmp_viewer.judging_control import JudgingControl
 from dmp_viewer.model import Workspace
 from dmp_viewer.opener import Opener
+from dmp_viewer.pace import Pace
 from dmp_viewer.presenter import Presenter
+from dmp_viewer.queue_control import QueueControl
+from dmp_viewer.remote_control import RemoteControl
 from dmp_viewer.report_control import ReportControl
 from dmp_viewer.runner import Outcome, Progress, Runner, Session
+from dmp_viewer.runs_control import RunsControl
 from dmp_viewer.scanner import SnapshotScanner
 from dmp_viewer.settings import Preferences
 from dmp_viewer.states import RunnerState
 from dmp_viewer.time_control import TimeControl
+from dmp_viewer.view_control import ViewControl
 from dmp_viewer.views import dialogs
 from dmp_viewer.views.banner import Message
 from dmp_viewer.views.main_window import MainWindow
@@ -77,7 +83,12 @@ class Controller(QObject):
         self.comparing = ComparingControl(self)
         self.time = TimeControl(self)
         self.report = ReportControl(self)
+        self.exports = ExportControl(self)
         self._connect()
+        self.remote = RemoteControl(self)
+        self.runs = RunsControl(self)
+        self.view = ViewControl(self)
+        self.queue = QueueControl(self, is_kept=preferences_path is not None)
         self._restore()
 
     def _connect(self) -> None:
@@ -90,6 +101,8 @@ class Controller(QObject):
         window.curve.stepClicked.connect(self._on_curve_step_clicked)
         window.curve.logAxisChanged.connect(self._on_curve_log_axis_changed)
         window.curve.smoothingChanged.connect(self._on_curve_smoothing_changed)
+        window.panes.interactor.interacted.connect(runner.give_way)
+        window.timeline.slider.sliderMoved.connect(lambda _place: runner.give_way())
         window.panel.taskChosen.connect(self.opener.change_task)
         window.panel.settingsChanged.connect(self.workspace.set_wanted)
         self.workspace.set_wanted(window.panel.settings())
@@ -118,8 +131,11 @@ class Controller(QObject):
         window.timeline.set_strip_wanted(preferences.show_thumbnails)
         window.timeline.set_speed(preferences.play_speed)
         window.restore_layout(preferences.geometry, preferences.splitters)
+        window.restore_docks(preferences.docks)
+        window.named_actions["show_runs"].setChecked(not window.runs.isHidden())
         window.set_recent(preferences.existing_recent())
         self.set_theme(preferences.theme)
+        self._set_pace(Pace(preferences.pace))
         self.presenter.refresh_all()
 
     # -- messages -----------------------------------------------------------------------------------------------------
@@ -188,7 +204,10 @@ class Controller(QObject):
         self.window.banners.clear()
         self._warnings_told = 0
         folder, loops = self.runs_folder, self.hole_control.loops_to_fill()
-        self.runner.start(lambda: tasks.start_session(source, settings, folder, loops))
+        if self.remote.start(source, settings, folder, loops):
+            return
+        leaves_core = self.runner.pace is Pace.SMOOTH
+        self.runner.start(lambda: tasks.start_session(source, settings, folder, loops, leaves_core=leaves_core))
 
     def proceed(self) -> None:
         """Go on with the run on show."""
@@ -198,12 +217,16 @@ class Controller(QObject):
         self.window.banners.clear()
         self._warnings_told = len(run.warnings)
         steps = self.workspace.continue_until
-        self.runner.start(lambda: tasks.continue_session(run, steps))
+        if self.remote.proceed(run, steps):
+            return
+        leaves_core = self.runner.pace is Pace.SMOOTH
+        self.runner.start(lambda: tasks.continue_session(run, steps, leaves_core=leaves_core))
 
     def _on_runner_state_changed(self, state: RunnerState) -> None:
         self.workspace.set_state(state)
 
     def _on_runner_prepared(self, session: Session) -> None:
+        self.queue.before_begin(session)
         self.workspace.begin_run(session.run, session.problem, session.device)
 
     def _on_runner_progressed(self, progress: Progress) -> None:
@@ -263,7 +286,8 @@ class Controller(QObject):
     # -- actions ------------------------------------------------------------------------------------------------------
 
     def _on_window_action(self, name: str) -> None:
-        if not any(part.do(name) for part in (self.judging, self.time, self.comparing, self.report)):
+        parts = (self.judging, self.time, self.comparing, self.report, self.exports, self.runs, self.queue, self.view)
+        if not any(part.do(name) for part in parts):
             getattr(self, f"_do_{name}")()
 
     def _do_open(self) -> None:
@@ -326,6 +350,17 @@ class Controller(QObject):
 
     def _do_show_curve(self) -> None:
         self.window.set_curve_visible(self.window.named_actions["show_curve"].isChecked())
+
+    def _do_pace_smooth(self) -> None:
+        self._set_pace(Pace.SMOOTH)
+
+    def _do_pace_fast(self) -> None:
+        self._set_pace(Pace.FAST)
+
+    def _set_pace(self, pace: Pace) -> None:
+        self.preferences.pace = pace.value
+        self.runner.set_pace(pace)
+        self.window.set_pace(pace.value)
 
     def _do_theme_auto(self) -> None:
         self.set_theme("auto")
@@ -402,18 +437,27 @@ class Controller(QObject):
     # -- closing ------------------------------------------------------------------------------------------------------
 
     def _on_window_closing(self) -> bool:
+        if not self.queue.may_close():
+            return False
+        self.queue.close()
         if self.runner.state.is_active:
             self.window.statusBar().showMessage("Ending the training…")
+            self.remote.leave()
             self._end_training()
         if not self._may_lose_what_is_in_memory():
             return False
+        self.leave()
+        return True
+
+    def leave(self) -> None:
+        """Write what is to be remembered, and end everything that works in the background."""
         self.save_preferences()
         self.window.timeline.set_playing(False)
         self.background.close()
         self.scanner.close()
+        self.runs.close()
         self.comparing.close()
         self.presenter.close()
-        return True
 
     def save_preferences(self) -> None:
         """Write what is to be remembered."""
@@ -423,7 +467,7 @@ class Controller(QObject):
         geometry, splitters = window.layout_state()
         remembered = replace(
             self.preferences,
-            geometry=geometry, splitters=splitters, quantity=policy.quantity, unit=policy.unit,
+            geometry=geometry, splitters=splitters, docks=window.docks_state(), quantity=policy.quantity, unit=policy.unit,
             # A locked range belongs to the mesh that it was locked for.
             range="step" if policy.range == "locked" else policy.range,
             outliers=policy.outliers, edges=look.edges, shading=look.shading,

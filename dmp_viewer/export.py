@@ -8,6 +8,7 @@ from pathlib import Path
 from qtpy.QtGui import QPixmap
 
 from dmp.errors import DmpError
+from dmp.exports.meshes import annotated
 from dmp_viewer.model import Workspace
 from dmp_viewer.saving import save_picture
 from dmp_viewer.views import dialogs
@@ -42,11 +43,11 @@ class Exporter:
         """Write the predicted mesh of a step."""
         from dmp.meshio import write_mesh
 
-        run = self._workspace.run
-        if run is None:
+        run, problem = self._workspace.run, self._workspace.problem
+        if run is None or problem is None:
             return
         try:
-            write_mesh(path, run.mesh_at(step))
+            write_mesh(path, annotated(run.mesh_at(step), problem))
         except DmpError as error:
             self._say(Message("error", str(error)))
         else:

@@ -12,6 +12,7 @@ from dmp_viewer.theme import Theme
 _SHAPES: dict[str, str] = {
     "open": '<path d="M3 19V6h6l2 2h8v3"/><path d="M3 19l3-8h16l-3 8z"/>',
     "save": '<path d="M12 4v11"/><path d="M7.5 10.5L12 15l4.5-4.5"/><path d="M4 17v3h16v-3"/>',
+    "export": '<path d="M12 15V4"/><path d="M7.5 8.5L12 4l4.5 4.5"/><path d="M5 11v9h14v-9"/>',
     "camera": '<path d="M3 8h4l2-3h6l2 3h4v11H3z"/><circle cx="12" cy="13" r="3.6"/>',
     "edges": '<path d="M12 3L3.5 8v8.5L12 21l8.5-4.5V8z"/>'
     '<path d="M12 3v9.5M3.5 8l8.5 4.5L20.5 8M12 12.5L3.5 16.5M12 12.5l8.5 4M12 12.5V21"/>',
@@ -42,6 +43,12 @@ _SHAPES: dict[str, str] = {
     "swipe": '<path d="M12 3v18"/><path d="M4 5h8v14H4z"/><path class="solid" d="M12 5h8v14h-8z"/>',
     "lens": '<circle cx="10.5" cy="10.5" r="6.5"/><path d="M15.5 15.5L21 21"/>',
     "bookmark": '<path d="M7 3v18"/><path class="solid" d="M7 4h11l-3 4 3 4H7z"/>',
+    "runs": '<path d="M9 6h12M9 12h12M9 18h12"/><path class="solid" d="M3 4.5h3.4v3H3zM3 10.5h3.4v3H3zM3 16.5h3.4v3H3z"/>',
+    "queue": '<path d="M4 6h10M4 12h10M4 18h6"/><path d="M18 10v10M13.5 15.5L18 20l4.5-4.5"/>',
+    "up": '<path d="M5.5 15l6.5-6.5 6.5 6.5"/>',
+    "clock": '<circle cx="12" cy="12" r="8.5"/><path d="M12 7v5.3l3.4 2.2"/>',
+    "window": '<path d="M4 8h12v12H4z"/><path d="M8 8V4h12v12h-4"/>',
+    "trash": '<path d="M4 6.5h16M9 6V4h6v2M6 6.5l1 14h10l1-14M10 10.5v6M14 10.5v6"/>',
     "help": '<circle cx="12" cy="12" r="8.5"/><path d="M9.5 9.5a2.5 2.5 0 1 1 3.5 2.3c-.7.3-1 .8-1 1.7v.5M12 16.8v.5"/>',
 }  # fmt: skip
 

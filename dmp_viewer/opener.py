@@ -197,6 +197,8 @@ class Opener(QObject):
         if goes_on:
             self._controller.proceed()
             self._controller.forget_told_warnings()
+        elif self._controller.remote.tell_about(opened.run):
+            pass
         elif opened.run.state == "interrupted":
             step = f"{opened.run.last_step:,}"
             text = f"This run was interrupted at step {step}. Nothing before it is lost, and Continue goes on from there."

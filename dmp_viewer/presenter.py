@@ -10,13 +10,14 @@ from dmp.settings import Settings
 from dmp_viewer import curve_notes as notes
 from dmp_viewer.hole_presenter import HolePresenter
 from dmp_viewer.marks import step_marks
+from dmp_viewer.memory_use import memory_text
 from dmp_viewer.model import Workspace
 from dmp_viewer.other_run import OtherRun
 from dmp_viewer.pane_presenter import PanePresenter
 from dmp_viewer.possible import possible_actions
 from dmp_viewer.views.banner import Message
 from dmp_viewer.views.main_window import MainWindow
-from dmp_viewer.views.run_panel import Status
+from dmp_viewer.views.run_panel import Status, progress_text
 from dmp_viewer.views.timeline import slider_marks
 
 _CURVE_INTERVAL_MS = 100
@@ -194,17 +195,17 @@ class Presenter(QObject):
 
     def _draw_progress(self) -> None:
         workspace = self._workspace
-        self._window.panel.set_status(
-            Status(
-                state=workspace.state,
-                step=workspace.current_step,
-                total=workspace.total_steps,
-                speed=self._speed,
-                seconds=workspace.seconds,
-                device=workspace.device,
-                run_state=self._run_state(),
-            )
+        status = Status(
+            state=workspace.state,
+            step=workspace.current_step,
+            total=workspace.total_steps,
+            speed=self._speed,
+            seconds=workspace.seconds,
+            device=workspace.device,
+            run_state=self._run_state(),
         )
+        self._window.panel.set_status(status)
+        self._window.set_progress(progress_text(status, memory_text(workspace.device) if workspace.state.is_active else ""))
 
     def _run_state(self) -> str:
         workspace = self._workspace

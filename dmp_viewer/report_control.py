@@ -20,7 +20,7 @@ from dmp_viewer.repairing import RepairedSource, repair_source
 from dmp_viewer.views import dialogs
 from dmp_viewer.views.banner import Message
 from dmp_viewer.views.finding_marks import FindingMarks
-from dmp_viewer.views.mesh_report import MeshReportDialog, RepairChoice, ReportRow
+from dmp_viewer.views.mesh_report import NOTHING_ODD, MeshReportDialog, RepairChoice, ReportRow
 
 if TYPE_CHECKING:
     from dmp_viewer.controller import Controller
@@ -31,13 +31,13 @@ _CHOICES = {
     "non-manifold edges": RepairChoice("split", "Take the surface apart where it branches"),
     "non-manifold vertices": RepairChoice("split", "Take the surface apart where it branches"),
     "close vertices": RepairChoice("weld", "Join vertices nearer than a hundredth of an edge length"),
-    "separate pieces": RepairChoice("largest", "Keep the largest piece only"),
+    "separate pieces": RepairChoice("largest", "Keep only the piece with the most faces"),
 }
 _OPTIONS: dict[str, dict[str, Any]] = {"split": {"split": True}, "weld": {"weld": 0.01}, "largest": {"keep_pieces": 1}}
 _REMEDIES = {
     "split": "Repair can take it apart there.",
     "weld": "Repair can join them.",
-    "largest": "Repair can keep the largest only.",
+    "largest": "Repair can keep only the one with the most faces.",
 }
 # Places within so small a part of the mesh are looked at from near.
 _NEAR = 0.3
@@ -58,6 +58,8 @@ class ReportControl(QObject):
         self.dialog: MeshReportDialog | None = None
         self.marks = FindingMarks(self._window.panes)
         self.findings: tuple[Finding, ...] = ()
+        # Why there are no findings yet; empty when there are, or when there is nothing to find.
+        self._unknown = ""
         self._described: TriangleMesh | None = None
         # Repaired meshes, each with what it was made from, for the way back; the last one is on show.
         self._originals: list[tuple[Source, Source]] = []
@@ -105,7 +107,7 @@ class ReportControl(QObject):
         self._window.named_actions["mesh_report"].setEnabled(source is not None)
         if source is None or source.mesh is self._described:
             return
-        self._described, self.findings = source.mesh, ()
+        self._described, self.findings, self._unknown = source.mesh, (), "The mesh is being looked over…"
         if not any(source.mesh is known.mesh for pair in self._originals for known in pair):
             self._originals.clear()
         self.marks.clear()
@@ -114,13 +116,15 @@ class ReportControl(QObject):
             "",
             lambda: mesh_report(mesh),
             lambda findings: self._on_findings(source, findings),
-            lambda error: _LOG.warning("The mesh cannot be looked over: %s", error),
+            lambda error: self._on_not_looked_over(source, error),
         )
+        if self.dialog is not None:
+            self._fill_dialog()
 
     def _on_findings(self, source: Source, findings: tuple[Finding, ...]) -> None:
         if source.mesh is not self._described:
             return  # another one was opened meanwhile
-        self.findings = findings
+        self.findings, self._unknown = findings, ""
         if self.dialog is not None:
             self._fill_dialog()
         warnings = [finding for finding in findings if finding.severity == "warning"]
@@ -129,6 +133,12 @@ class ReportControl(QObject):
             more = f" {len(warnings) - 1} more in the report." if len(warnings) > 1 else ""
             text = f"{warnings[0].text} {warnings[0].meaning}{more}"
             self._controller.say(Message("warning", text, action=("Mesh report…", self.open_report)))
+
+    def _on_not_looked_over(self, source: Source, error: Exception) -> None:
+        _LOG.warning("The mesh cannot be looked over: %s", error)
+        if source.mesh is self._described:
+            self._unknown = "This mesh could not be looked over."
+            self._fill_dialog()
 
     def _fill_dialog(self) -> None:
         source, dialog = self._workspace.source, self.dialog
@@ -150,6 +160,7 @@ class ReportControl(QObject):
         size = f"{source.mesh.n_vertices:,} vertices, {source.mesh.n_faces:,} faces"
         name = source.path.name if source.path is not None else source.name
         can_go_back = self._original_of(source) is not None
+        dialog.set_empty(self._unknown or NOTHING_ODD)
         dialog.set_report(
             f"{name}  ·  {size}", rows, list(choices.values()), can_go_back=can_go_back, can_save=source.path is None
         )

@@ -12,8 +12,6 @@ Invariants, each with what happens when it is broken:
 from __future__ import annotations
 
 import logging
-import os
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -24,12 +22,10 @@ from qtpy.QtCore import QCoreApplication, QEventLoop, QObject, QTimer, Signal
 from dmp.problem import Problem
 from dmp.snapshot import StepRecord
 from dmp_viewer.model import RunLike
+from dmp_viewer.pace import Courtesy, Pace
 from dmp_viewer.states import RunnerState
 
 _LOG = logging.getLogger(__name__)
-
-# The GUI looks into the mailbox this often while a thread lives: 20 times a second is below what an eye follows in a number.
-_DRAIN_INTERVAL_MS = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +43,9 @@ class Session:
     problem: Problem
     device: str
     records: Iterator[StepRecord]
+
+    def hold(self, paused: bool) -> None:
+        """The training is paused or goes on. One that waits to be asked for its steps need not be told."""
 
 
 @dataclass(frozen=True)
@@ -85,17 +84,18 @@ class _Mailbox:
 class _Worker(threading.Thread):
     """Asks a session for its steps. Stop and pause act between two steps."""
 
-    def __init__(self, prepare: Callable[[], Session], mailbox: _Mailbox) -> None:
+    def __init__(self, prepare: Callable[[], Session], mailbox: _Mailbox, courtesy: Courtesy) -> None:
         # A daemon, so that a step that hangs in a driver cannot keep the process alive once the user has left.
         super().__init__(name="training", daemon=True)
         self._prepare = prepare
         self._mailbox = mailbox
+        self._courtesy = courtesy
         self.stop_requested = threading.Event()
         self.may_run = threading.Event()
         self.may_run.set()
 
     def run(self) -> None:
-        _lower_priority()
+        self._courtesy.keep_priority()
         run_id: str | None = None
         try:
             session = self._prepare()
@@ -122,6 +122,8 @@ class _Worker(threading.Thread):
                 with self._mailbox.lock:
                     self._mailbox.records.append(record)
                 self.may_run.wait()
+                self._courtesy.rest(self.stop_requested.is_set)
+                self._courtesy.keep_priority()
             return False
         finally:
             close = getattr(records, "close", None)
@@ -135,7 +137,7 @@ class Runner(QObject):
     Signals (all in the GUI thread):
         stateChanged: a :class:`RunnerState`.
         prepared: the :class:`Session`, before its first step.
-        progressed: a :class:`Progress`, at most 20 times a second.
+        progressed: a :class:`Progress`, as often as the pace says.
         snapshotTaken: a :class:`dmp.snapshot.Snapshot`, every one of them.
         failed: the exception that ended the training.
         finished: an :class:`Outcome`; always the last, also after ``failed``.
@@ -154,15 +156,36 @@ class Runner(QObject):
         self._worker: _Worker | None = None
         self._mailbox = _Mailbox()
         self._run_id: str | None = None
+        self._session: Session | None = None
         self._speed = SpeedMeter()
         self._timer = QTimer(self)
-        self._timer.setInterval(_DRAIN_INTERVAL_MS)
+        self._courtesy = Courtesy()
+        self._look_often()
         self._timer.timeout.connect(self._drain)
 
     @property
     def state(self) -> RunnerState:
         """What the training is doing."""
         return self._state
+
+    @property
+    def pace(self) -> Pace:
+        """Who comes first, the window or the training."""
+        return self._courtesy.pace
+
+    def set_pace(self, pace: Pace) -> None:
+        """Let the window or the training come first, from now on."""
+        self._courtesy.pace = pace
+        self._look_often()
+
+    def give_way(self) -> None:
+        """Somebody works in the window: a training that is to let the window go first rests for a moment."""
+        self._courtesy.ask()
+
+    def _look_often(self) -> None:
+        """Look for news as often as the pace says; while something is waited for, often."""
+        pace = self._courtesy.pace if self._state is RunnerState.RUNNING else Pace.SMOOTH
+        self._timer.setInterval(pace.drain_interval_ms)
 
     def start(self, prepare: Callable[[], Session]) -> None:
         """Begin a training; ``prepare`` sets it up and is called in the thread, because smoothing and reading take time.
@@ -174,8 +197,9 @@ class Runner(QObject):
             raise RuntimeError("A training is active already.")
         self._mailbox = _Mailbox()
         self._run_id = None
+        self._session = None
         self._speed = SpeedMeter()
-        self._worker = _Worker(prepare, self._mailbox)
+        self._worker = _Worker(prepare, self._mailbox, self._courtesy)
         self._set_state(RunnerState.PREPARING)
         self._worker.start()
         self._timer.start()
@@ -184,6 +208,7 @@ class Runner(QObject):
         """Hold the training after the step it is in."""
         if self._state is RunnerState.RUNNING and self._worker is not None:
             self._worker.may_run.clear()
+            self._hold(True)
             self._set_state(RunnerState.PAUSED)
 
     def resume(self) -> None:
@@ -191,6 +216,7 @@ class Runner(QObject):
         if self._state is RunnerState.PAUSED and self._worker is not None:
             self._speed = SpeedMeter()
             self._set_state(RunnerState.RUNNING)
+            self._hold(False)
             self._worker.may_run.set()
 
     def stop(self) -> None:
@@ -222,9 +248,14 @@ class Runner(QObject):
             self._timer.stop()
             self._set_state(RunnerState.IDLE)
 
+    def _hold(self, paused: bool) -> None:
+        if self._session is not None:
+            self._session.hold(paused)
+
     def _set_state(self, state: RunnerState) -> None:
         if state is not self._state:
             self._state = state
+            self._look_often()
             self.stateChanged.emit(state)
 
     def _drain(self) -> None:
@@ -235,7 +266,7 @@ class Runner(QObject):
             outcome, box.outcome = box.outcome, None
             error, box.error = box.error, None
         if session is not None:
-            self._run_id = session.run.run_id
+            self._run_id, self._session = session.run.run_id, session
             self.prepared.emit(session)
             if self._state is RunnerState.PREPARING:
                 self._set_state(RunnerState.RUNNING)
@@ -271,12 +302,3 @@ class SpeedMeter:
         (first_step, first_seconds), (last_step, last_seconds) = self._points[0], self._points[-1]
         elapsed = last_seconds - first_seconds
         return (last_step - first_step) / elapsed if elapsed > 0 else 0.0
-
-
-def _lower_priority() -> None:
-    """Let the window go first where both want the processor; only on Linux does niceness belong to a single thread."""
-    if sys.platform == "linux":
-        try:
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 5)
-        except OSError:
-            _LOG.debug("The training thread keeps its priority", exc_info=True)

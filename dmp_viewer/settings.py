@@ -31,7 +31,9 @@ class Preferences:
         theme: ``auto``, ``light`` or ``dark``.
         geometry: place and size of the window, as Qt encodes it, base64.
         splitters: sizes of the parts of the window by name of the splitter.
+        docks: where the list of runs is, as Qt encodes it, base64.
         recent: paths of meshes and runs opened lately, newest first; a list, because any character may occur in a name.
+        servers: addresses of other computers where trainings were done, newest first.
         folder: where the last file was opened.
         quantity, range, unit: the colour policy.
         outliers: whether the colours cover every vertex.
@@ -45,12 +47,15 @@ class Preferences:
         show_curve: whether the curve is open.
         show_thumbnails: whether the timeline has small pictures.
         play_speed: snapshots per second when playing.
+        pace: who comes first, ``smooth`` (the window) or ``fast`` (the training).
     """
 
     theme: str = "auto"
     geometry: str = ""
     splitters: dict[str, list[int]] = field(default_factory=dict)
+    docks: str = ""
     recent: list[str] = field(default_factory=list)
+    servers: list[str] = field(default_factory=list)
     folder: str = ""
     quantity: str = "magnitude"
     range: str = "step"
@@ -65,11 +70,16 @@ class Preferences:
     show_curve: bool = True
     show_thumbnails: bool = True
     play_speed: int = 5
+    pace: str = "smooth"
 
     def add_recent(self, path: Path) -> None:
         """Put a path at the top of the recent files."""
         text = str(path.absolute())
         self.recent = [text, *(other for other in self.recent if other != text)][:MOST_RECENT_FILES]
+
+    def add_server(self, address: str) -> None:
+        """Put the address of another computer at the top of those offered."""
+        self.servers = [address, *(other for other in self.servers if other != address)][:MOST_RECENT_FILES]
 
     def existing_recent(self) -> list[Path]:
         """Return the recent files that are still there."""
@@ -83,6 +93,7 @@ _CHOICES: dict[str, tuple[str, ...]] = {
     "unit": get_args(Unit),
     "shading": get_args(Shading),
     "up": ("y", "z"),
+    "pace": ("smooth", "fast"),
 }
 
 
@@ -115,7 +126,7 @@ def save(preferences: Preferences, path: Path) -> None:
 def _fits(name: str, value: Any, default: Any) -> bool:
     if name in _CHOICES:
         return value in _CHOICES[name]
-    if name == "recent":
+    if name in ("recent", "servers"):
         return isinstance(value, list) and all(isinstance(text, str) and "\0" not in text for text in value)
     if name == "splitters":
         return isinstance(value, dict) and all(

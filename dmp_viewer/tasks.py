@@ -151,7 +151,12 @@ def open_run(folder: Path) -> OpenedRun:
 
 
 def start_session(
-    source: Source, settings: Settings, runs_folder: Path | None = None, loops: tuple[BoundaryLoop, ...] | None = None
+    source: Source,
+    settings: Settings,
+    runs_folder: Path | None = None,
+    loops: tuple[BoundaryLoop, ...] | None = None,
+    *,
+    leaves_core: bool = True,
 ) -> Session:
     """Set up a new training with a run folder of its own.
 
@@ -160,7 +165,30 @@ def start_session(
         settings: what to do and how.
         runs_folder: where to put the run; by default where the library keeps them.
         loops: the holes to fill, or None for the usual choice.
+        leaves_core: whether a core is left to the window, unless the settings name a number of threads.
     """
+    return _session(*_new_run(source, settings, runs_folder, loops, in_memory=True), leaves_core=leaves_core)
+
+
+def waiting_run(
+    source: Source, settings: Settings, runs_folder: Path | None = None, loops: tuple[BoundaryLoop, ...] | None = None
+) -> Run:
+    """Make the folder of a run whose training is to begin later; the arguments are those of :func:`start_session`.
+
+    Raises:
+        DmpError: when the settings cannot work, or the folder cannot be written.
+    """
+    return _new_run(source, settings, runs_folder, loops, in_memory=False)[0]
+
+
+def _new_run(
+    source: Source,
+    settings: Settings,
+    runs_folder: Path | None,
+    loops: tuple[BoundaryLoop, ...] | None,
+    *,
+    in_memory: bool,
+) -> tuple[Run, Training]:
     from dmp.methods import training_for
     from dmp.runs import Run
 
@@ -175,24 +203,27 @@ def start_session(
         input_path=source.path,
         ground_truth_path=source.ground_truth_path,
         name=source.name,
-        in_memory=True,
+        in_memory=in_memory,
     )
     training.run_id = run.run_id
-    return _session(run, training)
+    return run, training
 
 
-def continue_session(run: Run, steps: int | None = None) -> Session:
-    """Set up the continuation of a run, until ``steps`` if given (raises :class:`dmp.errors.RunError`)."""
-    return _session(run, run.resume(steps))
+def continue_session(run: Run, steps: int | None = None, *, leaves_core: bool = True) -> Session:
+    """Set up the continuation of a run, until ``steps`` if given (raises :class:`dmp.errors.RunError`).
+
+    ``leaves_core`` is that of :func:`start_session`; it matters to a run that has not begun.
+    """
+    return _session(run, run.resume(steps), leaves_core=leaves_core)
 
 
-def _session(run: Run, training: Training) -> Session:
+def _session(run: Run, training: Training, *, leaves_core: bool) -> Session:
     from dmp.devices import cores_beside_a_window, device_description
     from dmp.runs import record
     from dmp_viewer.runner import Session
 
     # A run that is gone on with keeps its number of threads: sums over another one differ in their last digits.
-    if run.settings.threads == 0 and run.recorded_threads is None:
+    if leaves_core and run.settings.threads == 0 and run.recorded_threads is None:
         training.threads = cores_beside_a_window()
     return Session(run, run.problem(), device_description(training.device).upper(), record(training, run))
 

@@ -109,7 +109,7 @@ def save(picture: QPixmap, name: str) -> None:
     # Thin lines have too few pixels to get colours of their own, so each colour of the theme is given some.
     weighted = Image.new("RGB", (image.width, image.height + _ROW))
     weighted.paste(image, (0, 0))
-    colors = _theme_colors()
+    colors = theme_colors()
     width = image.width / len(colors)
     for index, color in enumerate(colors):
         weighted.paste(color, (round(index * width), image.height, round((index + 1) * width), image.height + _ROW))
@@ -121,7 +121,7 @@ def save(picture: QPixmap, name: str) -> None:
     print(f"{path.relative_to(ROOT)}: {path.stat().st_size / 1000:.0f} kB")
 
 
-def _theme_colors() -> list[str]:
+def theme_colors() -> list[str]:
     """Return the colours of lines and markers in both themes."""
     from dmp_viewer.theme import DARK, LIGHT
 

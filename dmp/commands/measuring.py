@@ -4,28 +4,67 @@ from __future__ import annotations
 
 import json as json_module
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from dmp.commands.common import EXIT_DONE, load
 from dmp.commands.options import AsJson
+from dmp.errors import SettingsError
+
+_PRESETS = ("compact", "paper", "best")
 
 
 def benchmark(
-    mesh: Annotated[Path | None, Parameter(help="Mesh file; by default a sample.")] = None,
+    mesh: Annotated[Path | None, Parameter(help="Mesh file to time on, in place of made meshes.")] = None,
     /,
     *,
-    width_divisor: Annotated[int, Parameter(help="1 for the full width of the published network.")] = 1,
-    rounds: Annotated[int, Parameter(help="Steps of each rival; they take turns.")] = 5,
+    sizes: Annotated[
+        list[int] | None,
+        Parameter(help="Vertices of the meshes that are made; 5000 and 20000 by default.", consume_multiple=True),
+    ] = None,
+    presets: Annotated[
+        list[str] | None, Parameter(help="Presets to time: compact, paper, best.", consume_multiple=True)
+    ] = None,
+    rounds: Annotated[int, Parameter(help="Steps of each contestant that count; they take turns.")] = 5,
     threads: Annotated[int, Parameter(help="Processor threads; 0 for all.")] = 0,
+    rivals: Annotated[bool, Parameter(help="Let torch_geometric take part.")] = True,
+    memory: Annotated[bool, Parameter(help="Measure the peak memory of each preset too, in processes of their own.")] = False,
+    preparation: Annotated[bool, Parameter(help="Time import, reading, smoothing, operators and writing too.")] = False,
     json: AsJson = False,
 ) -> int:
-    """Measure the time of a training step beside torch_geometric's GCNConv, in turns in one process."""
-    from dmp.benchmark import compare_steps, comparison_text
-    from dmp.samples import sample
+    """Time training steps beside torch_geometric's GCNConv, and beside what this machine could do at best.
 
-    loaded = load(mesh or sample("bumpy-sphere").mesh_path, quiet=json)
-    values = compare_steps(loaded, width_divisor=width_divisor, rounds=rounds, threads=threads)
-    print(json_module.dumps(values, indent=2) if json else comparison_text(values))
+    All contestants take turns in one process, so that other work on the machine meets all of them.
+    """
+    from dmp.benchmark.meshes import noisy_torus
+    from dmp.benchmark.preparing import measure_memory, time_preparation
+    from dmp.benchmark.steps import steps_text, time_steps
+    from dmp.memory import gigabytes
+
+    for preset in presets or ():
+        if preset not in _PRESETS:
+            raise SettingsError(f"--presets is '{preset}', but must be one or more of: {', '.join(_PRESETS)}.")
+    if rounds < 1 or min(sizes or (100,)) < 100:
+        raise SettingsError("--rounds must be at least 1, and each of --sizes at least 100 vertices.")
+    meshes = [load(mesh, quiet=json)] if mesh else [noisy_torus(size) for size in sizes or (5_000, 20_000)]
+    found: list[dict[str, Any]] = []
+    for timed in meshes:
+        for preset in presets or ("compact", "paper"):
+            values = time_steps(timed, preset, rounds=rounds, threads=threads, rivals=rivals)
+            if memory:
+                values["memory"] = measure_memory(timed.n_vertices, preset, threads=threads)
+            if preparation:
+                values["preparation_seconds"] = time_preparation(timed, preset)
+            found.append(values)
+            if json:
+                continue
+            print(steps_text(values))
+            if memory:
+                taken = values["memory"]
+                print(f"  peak memory {gigabytes(taken['peak'])}, {taken['per_vertex'] / 1e3:.1f} kB a vertex")
+            if preparation:
+                print("  " + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in values["preparation_seconds"].items()))
+    if json:
+        print(json_module.dumps(found, indent=2))
     return EXIT_DONE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import tempfile
 from collections.abc import Iterator, Mapping
@@ -202,19 +203,29 @@ def _measures(values: Mapping[str, float]) -> str:
 
 @contextmanager
 def _interruption() -> Iterator[list[int]]:
-    """Collect the first SIGINT or SIGTERM in the yielded list, so that a step is never cut in the middle.
+    """Collect the first SIGINT, SIGTERM or SIGHUP in the yielded list, so that a step is never cut in the middle.
 
     A second one ends the process in the ordinary way.
     """
     received: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
+        if number == hangup:
+            # The terminal is gone; what would be said there must not become an error that keeps from saving.
+            for descriptor in terminals:
+                os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
+            terminals.clear()
         if received:
             raise KeyboardInterrupt
         received.append(number)
 
+    terminals = [descriptor for descriptor in (1, 2) if os.isatty(descriptor)]
+    # Windows has no SIGHUP; and ignored, as by nohup, it stays so.
+    hangup = getattr(signal, "SIGHUP", None)
+    is_heard = hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN
+    numbers = (signal.SIGINT, signal.SIGTERM, *((hangup,) if hangup is not None and is_heard else ()))
     try:
-        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {number: signal.signal(number, note) for number in numbers}
     except ValueError:
         # Not the main thread: whoever called us handles signals.
         yield received

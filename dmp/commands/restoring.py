@@ -117,6 +117,7 @@ def _restore(
 ) -> int:
     from dmp.commands.outcome import check_keep, save_result, train_into
     from dmp.completion import problem_for
+    from dmp.memory_needs import check_memory
     from dmp.runs import Run
 
     check_keep(keep, settings, has_truth=ground_truth is not None)
@@ -125,6 +126,8 @@ def _restore(
     if report is not None and not report.absolute().parent.is_dir():
         raise SettingsError(f"--report {report}: the folder {report.parent} does not exist.")
     damaged = load(mesh, quiet)
+    # Before anything is made of a mesh that is too large.
+    check_memory(settings, damaged.n_vertices)
     truth = None if ground_truth is None else load(ground_truth, quiet)
     problem = problem_for(damaged, settings, truth)
     for note in problem.notes:

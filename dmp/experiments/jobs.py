@@ -12,7 +12,7 @@ from dmp.experiments.cases import Case
 from dmp.settings import Settings, preset_value
 
 # Settings that decide where and how fast something is computed, and not what.
-_WITHOUT_EFFECT = ("device", "threads", "preset")
+_WITHOUT_EFFECT = ("device", "threads", "precision", "memory", "preset")
 _SAID_OTHERWISE = (*_WITHOUT_EFFECT, "task", "steps", "seed")
 
 # Very rough seconds for one vertex: in one training step of each kind, and in one search for the best parameters.

@@ -19,6 +19,8 @@ _RESAVE = "Save or copy the file again from where it came from."
 _SMALLEST_DIAGONAL, _LARGEST_DIAGONAL = 1e-12, 1e12
 _FLAT_AREA = 1e-14
 _MANY_FLAT_FACES = 0.01
+# Double precision that is coarser than this share of the extent holds no shape.
+_COARSEST = 0.01
 _UNWRITTEN_FACES = 8
 
 
@@ -161,12 +163,19 @@ def _check_extent(points: FloatArray) -> float:
             f"the coordinates are absurd: they reach {reach:.3g}, and the mesh is more than {_LARGEST_DIAGONAL:g} units large",
             "Look for damaged numbers, or scale the mesh.",
         )
-    if diagonal == 0.0:
+    if (low == high).all():
         raise FormatError("all vertices lie in one point, so there is no surface", _RESAVE)
     if diagonal < _SMALLEST_DIAGONAL:
         raise FormatError(
             f"the mesh is only {diagonal:.3g} units large; sizes from {_SMALLEST_DIAGONAL:g} can be worked with",
             "Scale the mesh, or check that its coordinates are what they should be.",
+        )
+    reach = float(np.abs([low, high]).max())
+    if np.spacing(reach) > _COARSEST * diagonal:
+        raise FormatError(
+            f"the mesh is {diagonal:.3g} units large and lies {reach:.3g} units away from the origin, where even double "
+            "precision cannot hold its shape",
+            "Look for damaged numbers, or move the mesh to the origin in the program it came from.",
         )
     return diagonal
 

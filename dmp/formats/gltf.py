@@ -184,7 +184,9 @@ class _Collector:
 
     def _vertices(self, primitive: Item, key: tuple[int, int]) -> tuple[FloatArray, np.ndarray | None]:
         compressed = _DRACO in primitive.item("extensions").values
-        if compressed and not self.accessors.has_data(key[0]):
+        # Where it is required, whatever stands beside the compressed data is no copy of them.
+        required = _DRACO in self.document.texts("extensionsRequired")
+        if compressed and (required or not self.accessors.has_data(key[0])):
             raise FormatError("the mesh is compressed with Draco, which cannot be read", _UNCOMPRESSED)
         positions = self.accessors.positions(key[0], quantised=self.quantised)
         colours = self.accessors.colours(key[1]) if key[1] >= 0 else None

@@ -57,6 +57,9 @@ def placed_meshes(document: Item, notes: list[str]) -> list[Placed]:
     if not document.n_items("meshes"):
         raise FormatError("the file holds no meshes", "Choose a file that holds a triangle mesh.")
     if not document.n_items("nodes"):
+        named = [node for scene in document.items("scenes", "scene") for node in scene.indices("nodes")]
+        if named:
+            raise FormatError(f"a scene names node {named[0]:,}, but there are none", _RESAVE)
         notes.append("The file places its meshes nowhere; all were read as they are.")
         return [Placed(mesh, np.eye(4)) for mesh in range(document.n_items("meshes"))]
     tree = _Tree(document)

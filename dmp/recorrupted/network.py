@@ -81,6 +81,11 @@ class RestorationNetwork(nn.Module):
             if isinstance(layer, BilateralLayer):
                 layer.sharpness.fill_(math.log(sharpness))
 
+    @torch.no_grad()
+    def set_flattening(self, gate: float) -> None:
+        """Start with vertices that follow the flattening layer by the logistic function of ``gate``."""
+        self.flattening.gate.bias.fill_(gate)
+
     def forward(self, positions: Tensor, operators: Operators, level: float, flatten: bool = True) -> Tensor:
         """Return restored positions, (V, 3), of noisy ``positions`` (V, 3) with noise of about ``level``.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,8 +39,13 @@ _LEAST_LEVEL = 0.01
 # Up to NO_NOISE the mesh stays as it is; from this level on the network has its way.
 _SURE_NOISE = 0.03
 # At these shares of the steps what the restored mesh itself adds to the estimate is taken off it, that many times, because a
-# restored mesh has lost about half of its finest detail; but no more than to this part of the estimate.
-_CORRECTIONS, _DETAIL_LOST, _LEAST_PART = (0.15, 0.3, 0.45, 0.6), 4.0, 0.93
+# restored mesh has lost most of its finest detail; but no more than to this part of the estimate.
+_CORRECTIONS, _DETAIL_LOST, _LEAST_PART = (0.15, 0.3, 0.45, 0.6), 8.0, 0.93
+# Some shape is left in every estimate. Taken too low by a part, about as large a part of the noise stays in the result; taken
+# too high by as much, detail is lost, which costs more where there is any.
+_CAUTION = 0.98
+# What trimming at three deviations leaves of the deviation of normally distributed values; of uniform ones it leaves all.
+_TRIMMED = 0.9866
 # The noise that is added is at least this share as strong across the normal as along it.
 _LEAST_TANGENTIAL = 0.5
 _LARGEST_GRADIENT = 2.0
@@ -54,9 +59,11 @@ _LAST_RATE = 0.05
 _WARM_UP = 20
 # Starts of the bilateral weights among which the risk of the untrained network chooses: from smooth to sharp shapes.
 _SHARPNESSES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+# and how far its vertices follow the flattening layer at first, as gates before the logistic function: all the way, or hardly.
+_FLATTENINGS = (1.0, -1.0, -4.0)
 _RISK_DRAWS = 4
-# Draws by which the held-out rings are judged; the noise of the input itself, which no draw changes, counts for more.
-_HELD_OUT_DRAWS = 2
+# Draws by which the held-out rings are judged; the noise of the input itself counts for more, and no draw changes that.
+_HELD_OUT_DRAWS = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +137,8 @@ class RecorruptedTraining(Training):
             first.operators.incidence,
         )
         network.bank.standardise(invariants(differences, normals, self._level)[0])
-        network.set_sharpness(min(_SHARPNESSES, key=self._risk_at))
+        network.set_sharpness(min(_SHARPNESSES, key=lambda sharpness: self._risk_with(network.set_sharpness, sharpness)))
+        network.set_flattening(min(_FLATTENINGS, key=lambda gate: self._risk_with(network.set_flattening, gate, flatten=True)))
         self._average = copy.deepcopy(network)
         self._optimiser = torch.optim.Adam(self._network.parameters(), lr=settings.learning_rate, fused=True)
 
@@ -139,12 +147,12 @@ class RecorruptedTraining(Training):
         """Number of trained values in the network."""
         return sum(parameter.numel() for parameter in self._network.parameters())
 
-    def _risk_at(self, sharpness: float) -> float:
-        """Return the mean loss of the network when it starts with this sharpness; the draws are the same for each."""
-        self._network.set_sharpness(sharpness)
+    def _risk_with(self, choose: Callable[[float], None], value: float, *, flatten: bool = False) -> float:
+        """Return the mean loss of the untrained network with a choice made for it; the draws are the same for each."""
+        choose(value)
         before = self._generator.get_state()
         with torch.no_grad():
-            risk = sum(self._forward(flatten=False)["total_loss"].item() for _ in range(_RISK_DRAWS)) / _RISK_DRAWS
+            risk = sum(self._forward(flatten=flatten)["total_loss"].item() for _ in range(_RISK_DRAWS)) / _RISK_DRAWS
         self._generator.set_state(before)
         return risk
 
@@ -281,11 +289,12 @@ class RecorruptedTraining(Training):
         whole, normals = self._whole, self.noise.normals
         restored = self._average(whole.positions, whole.operators, self._level).cpu().numpy().astype(np.float64)
         removed = np.einsum("vc,vc->v", whole.positions.cpu().numpy() - restored, normals)
-        level = self.noise.level
+        evenness, level = estimate_evenness(removed, normals), self.noise.level
         if not self.settings.noise_level:
             estimate, shape = self._estimate.level, level_along(restored, whole.patch.faces, normals)
             level = float(np.sqrt(max(estimate**2 - _DETAIL_LOST * shape**2, (_LEAST_PART * estimate) ** 2)))
-        self.noise = replace(self.noise, level=level, evenness=estimate_evenness(removed, normals))
+            level = _with_caution(level, evenness)
+        self.noise = replace(self.noise, level=level, evenness=evenness)
         if self._lowest is not None:
             # Risks under different noise can't be compared.
             self._lowest = replace(self._lowest, risk=self._held_out_risk(self._lowest.network))
@@ -344,7 +353,7 @@ def _corners(positions: Tensor, faces: Tensor) -> Tensor:
 
 def _with_settings(noise: NoiseModel, settings: Settings) -> NoiseModel:
     return NoiseModel(
-        settings.noise_level or noise.level,
+        settings.noise_level or _with_caution(noise.level, noise.evenness),
         noise.tangential if settings.noise_tangential < 0 else settings.noise_tangential,
         noise.normals,
     )
@@ -357,3 +366,8 @@ def _normal_errors(output: Tensor, target: Tensor, piece: _Piece, chosen: Tensor
         faces = faces.index_select(1, chosen)
     predicted, wanted = area_vectors(_corners(output, faces)), area_vectors(_corners(target, faces))
     return normal_errors(predicted, wanted, _rows(piece.area_scale, chosen))
+
+
+def _with_caution(estimate: float, evenness: float) -> float:
+    """Return the level to draw with, for the estimate of :func:`estimate_noise`."""
+    return _CAUTION * estimate / (1.0 - (1.0 - _TRIMMED) * (1.0 - evenness))

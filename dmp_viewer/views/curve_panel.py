@@ -135,6 +135,11 @@ class CurvePanel(QWidget):
         self._log_box.setChecked(logarithmic)
         self._draw_all()
 
+    @property
+    def is_log(self) -> bool:
+        """Whether the left axis is wanted to be logarithmic."""
+        return self._log
+
     def set_smoothing(self, strength: float) -> None:
         """Smooth the drawn lines by a running average; the measured values stay visible, faintly."""
         self.plot.strength = min(max(strength, 0.0), 0.99)

@@ -88,6 +88,9 @@ class KeysDialog(QDialog):
             ("View", "Type the range of the colours", "Double click on the colours"),
             ("View", "Show the input for a moment", "Hold A"),
             ("Timeline", "Why a step is marked", "Rest on its mark"),
+            ("Runs", "Open, rename, move to the trash", "Enter, F2, Delete"),
+            ("Runs", "What else can be done", "Right click, or Menu key"),
+            ("Queue", "Change the order, take out", "Drag, Delete"),
             ("Curve", "Show the nearest snapshot", "Click"),
             ("Curve", "Closer, everything", "Wheel, double click"),
         ]

@@ -7,7 +7,8 @@ from qtpy.QtCore import QPointF, QRectF, QSize, Qt
 from qtpy.QtGui import QColor, QImage, QPainter, QPaintEvent, QPalette, QPen, QPolygonF
 from qtpy.QtWidgets import QSizePolicy, QWidget
 
-from dmp_viewer.colors import PERCENTILE, ColorTable, Histogram, Limits, nice_ticks
+from dmp.quantities import nice_ticks, tick_text
+from dmp_viewer.colors import PERCENTILE, ColorTable, Histogram, Limits
 
 _BAR_HEIGHT = 11
 _HISTOGRAM_HEIGHT = 24
@@ -138,15 +139,3 @@ class Gradient(QWidget):
                 for index, count in enumerate(others.tolist())
             ]
             painter.drawPolyline(QPolygonF(points))
-
-
-def tick_text(value: float, step: float) -> str:
-    """Return a tick's number with as many digits as its step needs."""
-    if value == 0:
-        return "0"
-    if abs(value) >= 1e5 or abs(step) < 1e-4:
-        return f"{value:.2g}".replace("-", "−")
-    decimals = max(0, -int(np.floor(np.log10(abs(step)) + 1e-9)))
-    if round(step, decimals) != round(step, 10):
-        decimals += 1
-    return f"{value:.{decimals}f}".replace("-", "−")

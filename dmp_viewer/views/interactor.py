@@ -34,12 +34,14 @@ class Interactor(QtInteractor):
         resized: the widget has another size.
         clicked: where the left button was pressed and released without a move, a point.
         hovered: where the mouse is, a point.
+        interacted: somebody turns, moves or zooms the view right now.
     """
 
     painted = Signal(object)
     resized = Signal()
     clicked = Signal(QPoint)
     hovered = Signal(QPoint)
+    interacted = Signal()
 
     def __init__(self, parent: QWidget, *, multi_samples: int) -> None:
         super().__init__(
@@ -61,6 +63,7 @@ class Interactor(QtInteractor):
     def _on_interaction(self, *_: Any) -> None:
         if not self._in_paint:
             self.mark()
+            self.interacted.emit()
 
     def paintGL(self) -> None:
         """Draw the marked panes; all of them when the paint has another cause, such as a new size."""

@@ -17,10 +17,12 @@ from qtpy.QtWidgets import (
     QLabel,
     QMainWindow,
     QMenu,
+    QScrollArea,
     QSizePolicy,
     QSplitter,
     QStackedWidget,
     QToolBar,
+    QToolButton,
     QVBoxLayout,
     QWidget,
 )
@@ -32,13 +34,18 @@ from dmp_viewer.views.banner import BannerArea
 from dmp_viewer.views.buttons import tool_button
 from dmp_viewer.views.color_bar import ColorBar
 from dmp_viewer.views.curve_panel import CurvePanel
+from dmp_viewer.views.curve_plot import CurvePlot
+from dmp_viewer.views.focus_ring import FocusRing
+from dmp_viewer.views.interactor import Interactor
 from dmp_viewer.views.mesh_panes import MeshPanes
 from dmp_viewer.views.other_timeline import OtherTimeline
 from dmp_viewer.views.picked_bar import PickedBar
 from dmp_viewer.views.run_panel import RunPanel
+from dmp_viewer.views.runs_dock import RunsDock
 from dmp_viewer.views.start_page import StartPage
 from dmp_viewer.views.timeline import Timeline
 
+_FIRST_SIZES = {"rows": [540, 270], "columns": [1100, 290]}
 _MOVING_KEYS = (Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Home, Qt.Key.Key_End)
 
 
@@ -85,6 +92,8 @@ class MainWindow(QMainWindow):
             widget.setAcceptDrops(False)
             if isinstance(widget, (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QAbstractItemView)):
                 widget.installEventFilter(self)
+        # Its rows are dragged into another order; files that are dropped on it fall through to the window.
+        self.runs.queue.rows.setDragDropMode(QAbstractItemView.DragDropMode.InternalMove)
 
     # -- what is shown ------------------------------------------------------------------------------------------------
 
@@ -112,6 +121,22 @@ class MainWindow(QMainWindow):
         self._recent_menu.setEnabled(bool(paths))
         self.start_page.set_recent(paths)
 
+    def set_progress(self, text: str) -> None:
+        """Say in the status bar how far the training is; nothing while none is active."""
+        self._progress.setText(text)
+
+    @property
+    def progress_text(self) -> str:
+        """What the status bar says about the training."""
+        return self._progress.text()
+
+    def set_pace(self, pace: str) -> None:
+        """Say who comes first, ``smooth`` for the window or ``fast`` for the training."""
+        action = self.named_actions[f"pace_{pace}"]
+        action.setChecked(True)
+        self._pace.setText(action.text().replace("&", ""))
+        self._pace.setAccessibleName(f"Pace: {self._pace.text()}")
+
     def set_facts(self, text: str) -> None:
         """Say at the right of the status bar what is open."""
         self._facts.setText(text)
@@ -122,8 +147,9 @@ class MainWindow(QMainWindow):
         for spec in ACTIONS:
             if spec.icon and spec.name in self.named_actions:
                 self.named_actions[spec.name].setIcon(icon(spec.icon, theme))
-        for part in (self.panes, self.picked, self.curve, self.timeline, self.panel, self.banners, self.start_page):
+        for part in (self.panes, self.picked, self.curve, self.timeline, self.panel, self.banners, self.start_page, self.runs):
             part.set_theme(theme)
+        self._focus_ring.set_theme(theme)
         self.themeChanged.emit()
 
     def set_panel_visible(self, visible: bool) -> None:
@@ -133,6 +159,11 @@ class MainWindow(QMainWindow):
     def set_curve_visible(self, visible: bool) -> None:
         """Show or hide the curve."""
         self.curve.setVisible(visible)
+
+    def show_runs(self) -> None:
+        """Bring the list of runs and the queue into sight."""
+        self.runs.show()
+        self.runs.raise_()
 
     def menu(self, name: str) -> QMenu:
         """Return a menu by its name; that of a submenu is ``menu/text``."""
@@ -160,6 +191,26 @@ class MainWindow(QMainWindow):
         if areas and not any(area.intersects(self.frameGeometry()) for area in areas):
             self.move(areas[0].topLeft())
 
+    def docks_state(self) -> str:
+        """Return where the list of runs is, how large, and whether it is in sight, base64."""
+        return bytes(self.saveState().toBase64().data()).decode()
+
+    def restore_docks(self, state: str) -> None:
+        """Take over what :meth:`docks_state` returned."""
+        if state:
+            self.restoreState(QByteArray.fromBase64(QByteArray(state.encode())))
+
+    def reset_layout(self) -> None:
+        """Put all parts where they were at first; the window keeps its place and size."""
+        self.runs.setFloating(False)
+        self.addDockWidget(Qt.DockWidgetArea.LeftDockWidgetArea, self.runs)
+        self.resizeDocks([self.runs], [self.runs.sizeHint().width()], Qt.Orientation.Horizontal)
+        self.runs.hide()
+        self.set_panel_visible(True)
+        self.set_curve_visible(True)
+        for name, (first, second) in _FIRST_SIZES.items():
+            self._splitters[name].setSizes([first, second])
+
     def _parts(self, multi_samples: int, tasks: tuple[str, ...], devices: tuple[tuple[str, str], ...]) -> None:
         self.banners = BannerArea()
         self.panes = MeshPanes(multi_samples=multi_samples)
@@ -186,13 +237,13 @@ class MainWindow(QMainWindow):
         rows.addWidget(self.curve)
         rows.setStretchFactor(0, 3)
         rows.setStretchFactor(1, 1)
-        rows.setSizes([540, 270])
+        rows.setSizes(_FIRST_SIZES["rows"])
         columns = QSplitter(Qt.Orientation.Horizontal)
         columns.addWidget(rows)
         columns.addWidget(self.panel)
         columns.setStretchFactor(0, 1)
         columns.setStretchFactor(1, 0)
-        columns.setSizes([1100, 290])
+        columns.setSizes(_FIRST_SIZES["columns"])
         for splitter in (rows, columns):
             splitter.setChildrenCollapsible(False)
             splitter.setHandleWidth(5)
@@ -210,9 +261,23 @@ class MainWindow(QMainWindow):
         layout.addWidget(self.banners)
         layout.addWidget(self._stack, 1)
         self.setCentralWidget(central)
+        self.runs = RunsDock(self.named_actions, self)
+        self.addDockWidget(Qt.DockWidgetArea.LeftDockWidgetArea, self.runs)
+        self.resizeDocks([self.runs], [self.runs.sizeHint().width()], Qt.Orientation.Horizontal)
+        self.runs.hide()
+        self._focus_ring = FocusRing(self, (Interactor, CurvePlot, QLabel, QScrollArea))
         self._facts = QLabel()
         self._facts.setContentsMargins(0, 0, 8, 0)
-        self.statusBar().addPermanentWidget(self._facts)
+        self._progress = QLabel()
+        self._progress.setAccessibleName("Progress of the training")
+        self._pace = QToolButton()
+        self._pace.setAutoRaise(True)
+        self._pace.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+        self._pace.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+        self._pace.setToolTip("Who comes first while a training runs: the window or the training")
+        self._pace.setMenu(self._menus["run/P&ace"])
+        for widget in (self._progress, self._pace, self._facts):
+            self.statusBar().addPermanentWidget(widget)
         self.statusBar().setSizeGripEnabled(False)
 
     def _tool_bar(self) -> None:
@@ -222,8 +287,8 @@ class MainWindow(QMainWindow):
         bar.toggleViewAction().setVisible(False)
         self.addToolBar(bar)
         for name, with_text in (
-            ("open", True), ("save", True), ("screenshot", False), ("", False), ("fit_spacer", False),
-            ("filling_only", True), ("flip", False), ("swipe", True), ("lens", True), ("", False),
+            ("open", True), ("save", True), ("export", False), ("screenshot", False), ("", False), ("show_runs", True),
+            ("fit_spacer", False), ("filling_only", True), ("flip", False), ("swipe", True), ("lens", True), ("", False),
             ("smooth", False), ("edges", False), ("link", False), ("reset_view", True),
         ):  # fmt: skip
             if not name:

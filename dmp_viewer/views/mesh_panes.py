@@ -12,6 +12,7 @@ from qtpy.QtWidgets import QFrame, QGridLayout, QWidget
 from vtkmodules.vtkCommonCore import vtkLookupTable
 from vtkmodules.vtkRenderingCore import vtkCellPicker
 
+from dmp.exports.viewpoints import Viewpoint
 from dmp.mesh import FloatArray, IntArray
 from dmp_viewer.colors import ColorTable, Limits, UpAxis, Values
 from dmp_viewer.theme import Theme, rgb
@@ -22,6 +23,7 @@ from dmp_viewer.views.outlines import Outline, dashed, whole
 from dmp_viewer.views.pane import CUT_CIRCLE, CUT_LINE, CUT_NONE, Pane, cells_of
 from dmp_viewer.views.pane_title import PaneTitle
 from dmp_viewer.views.point_mark import PointMark
+from dmp_viewer.views.sides import Side, stand_at
 
 INPUT, SMOOTHED, PREDICTED = range(N_PANES)
 MIDDLE = SMOOTHED
@@ -226,6 +228,12 @@ class MeshPanes(QWidget):
             camera.stand_in_front(renderer.GetActiveCamera(), self._up)
         self.fit_view()
 
+    def look_from(self, side: Side) -> None:
+        """Look at the whole mesh straight from a side, in all panes."""
+        for renderer in self.interactor.renderers:
+            stand_at(renderer.GetActiveCamera(), side, self._up)
+        self.fit_view()
+
     def set_up(self, axis: UpAxis) -> None:
         """Let another axis point up, and look from the front again."""
         if axis != self._up:
@@ -308,6 +316,24 @@ class MeshPanes(QWidget):
         """Return position, focal point and up direction of the first pane's camera."""
         first = self.interactor.renderers[0].GetActiveCamera()
         return first.GetPosition(), first.GetFocalPoint(), first.GetViewUp()
+
+    def viewpoints(self) -> tuple[Viewpoint, ...]:
+        """Return from where each pane is seen, in units of the view."""
+        cameras = (renderer.GetActiveCamera() for renderer in self.interactor.renderers)
+        return tuple(
+            Viewpoint(item.GetPosition(), item.GetFocalPoint(), item.GetViewUp(), item.GetViewAngle()) for item in cameras
+        )
+
+    @property
+    def pane_aspect(self) -> float:
+        """Width of a pane divided by its height."""
+        return max(1, self.interactor.width()) / N_PANES / max(1, self.interactor.height())
+
+    def cut_share(self) -> tuple[float, float, float]:
+        """Return where the cut is: x and y as shares of the predicted pane, and the radius in heights of the pane."""
+        area, centre = self._pane_area(), self.handle.centre
+        height = max(1, area.height())
+        return (centre.x() - area.left()) / max(1, area.width()), centre.y() / height, self.handle.radius / height
 
     def shut_down(self) -> None:
         """Give the OpenGL resources back while their context is still alive."""

@@ -24,6 +24,7 @@ from dmp_viewer.icons import pixmap
 from dmp_viewer.theme import LIGHT, Theme
 
 _WIDTH, _HEIGHT = 620, 560
+NOTHING_ODD = "There is nothing odd about this mesh."
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,8 @@ class MeshReportDialog(QDialog):
         self._theme = LIGHT
         self._rows: tuple[ReportRow, ...] = ()
         self._can_repair = False
+        self._empty = NOTHING_ODD
+        self._empty_label: QLabel | None = None
         self._heading = QLabel(self)
         self._heading.setTextFormat(Qt.TextFormat.PlainText)
         font = QFont(self._heading.font())
@@ -152,6 +155,17 @@ class MeshReportDialog(QDialog):
         self._update_buttons()
         self.set_theme(self._theme)
 
+    def set_empty(self, text: str) -> None:
+        """Say this where nothing is listed."""
+        self._empty = text
+        if not self._rows and self._empty_label is not None:
+            self._empty_label.setText(text)
+
+    @property
+    def empty_text(self) -> str:
+        """What is said where nothing is listed; empty beside a list."""
+        return self._empty if not self._rows else ""
+
     def chosen(self) -> tuple[str, ...]:
         """Return the names of the choices that are ticked."""
         return tuple(name for name, box in self.choices.items() if box.isChecked())
@@ -224,7 +238,8 @@ class MeshReportDialog(QDialog):
             grid.addWidget(button, top, 2, Qt.AlignmentFlag.AlignTop)
             grid.setRowMinimumHeight(top + 2, 12)
         if not self._rows:
-            grid.addWidget(_text("There is nothing odd about this mesh.", content), 0, 1)
+            self._empty_label = _text(self._empty, content)
+            grid.addWidget(self._empty_label, 0, 1)
         grid.setRowStretch(4 * len(self._rows) + 1, 1)
         self._list.setWidget(content)
 

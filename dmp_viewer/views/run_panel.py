@@ -31,7 +31,10 @@ from dmp_viewer.theme import Theme
 from dmp_viewer.views.buttons import follow_action
 from dmp_viewer.views.collapsible import Collapsible
 from dmp_viewer.views.hole_section import HOLE_SETTINGS, HoleSection, is_denoising_too
+from dmp_viewer.views.run_place import RunPlace
 from dmp_viewer.views.setting_editors import (
+    PRESET_TEXTS,
+    TASK_TEXTS,
     ChoiceEditor,
     Editor,
     NumberEditor,
@@ -41,8 +44,6 @@ from dmp_viewer.views.setting_editors import (
     matters_to,
 )
 
-_PRESET_TEXTS = {"compact": "Compact", "paper": "Paper", "paper-2021-04": "Paper, April 2021", "best": "Best result"}
-_TASK_TEXTS = {"denoise": "Remove noise", "complete": "Fill holes"}
 _DEVICE_TEXTS = {"auto": "Automatic", "cpu": "Processor (CPU)"}
 _KNOWN_TEXTS = {"keep": "Keep exactly", "predict": "Take the prediction"}
 _PLAIN = ("steps", "snapshot_every", "seed", "device")
@@ -200,7 +201,7 @@ class RunPanel(QWidget):
         """Offer the choice about known vertices where the method has it."""
         keeps = self._told is not None and self._told.method == "made-up-holes"
         editor = self._editors["known_vertices"]
-        editor.setEnabled(self._labels["task" if "task" in self._labels else "preset"].isEnabled() and not keeps)
+        editor.setEnabled(self._labels["max_hole_edges"].isEnabled() and not keeps)
         text = SETTING_FIELDS["known_vertices"].metadata["help"]
         editor.setToolTip(f"<p>{_KEEPS_TIP if keeps else text}</p>")
 
@@ -224,14 +225,19 @@ class RunPanel(QWidget):
 
     def set_controls(self, controls: Controls, state: RunnerState) -> None:
         """Enable what makes sense; buttons follow their actions, and only those that can ever act now are in sight."""
-        # One by one, because the list of holes stays alive: a hole can be looked at while it is learnt.
-        for widget in (*self._labels.values(), *self._editors.values(), self._reset, self._advanced):
-            widget.setEnabled(not state.is_active)
+        # What is set meanwhile is for the next training, which can wait in the queue; mesh and holes stay as they are.
+        for name in ("task", *HOLE_SETTINGS):
+            for widget in (self._labels.get(name), self._editors.get(name)):
+                if widget is not None:
+                    widget.setEnabled(not state.is_active)
+        self._heading.setText(self._title if not state.is_active else "Next training")
         self.hole_section.set_locked(state.is_active)
         self._allow_known_vertices()
         shows_resume = state is RunnerState.PAUSED
         shows_proceed = controls.proceed
         # What can be continued cannot be stopped; the room is for the step to continue to.
+        self._buttons["start"].setVisible(not state.is_active)
+        self._buttons["queue_add"].setVisible(state.is_active)
         self._buttons["stop"].setVisible(not shows_proceed or state.is_active)
         self._buttons["resume"].setVisible(shows_resume)
         self._buttons["proceed"].setVisible(shows_proceed and not shows_resume)
@@ -250,15 +256,7 @@ class RunPanel(QWidget):
         self._count.setText("" if busy or not total else f"{step:,} steps" if at_rest else f"{step:,} / {total:,}")
         self._state_text.setText(_STATE_TEXTS.get(state) or _RUN_TEXTS.get(status.run_state, "Ready"))
         self._state_text.setToolTip(_REST_TIP if at_rest else "")
-        details = []
-        if state is RunnerState.RUNNING and status.speed > 0:
-            details.append(f"{status.speed:.1f} steps/s" if status.speed < 100 else f"{status.speed:.0f} steps/s")
-            details.append(f"{duration((total - step) / status.speed)} left")
-        elif total and status.seconds > 0:
-            details.append(f"{duration(status.seconds)} of training")
-        if status.device:
-            details.append(status.device)
-        self._details.setText("  ·  ".join(details))
+        self._details.setText("  ·  ".join(pace_texts(status)))
 
     def set_theme(self, theme: Theme) -> None:
         """Take the colours of a theme."""
@@ -278,7 +276,7 @@ class RunPanel(QWidget):
         return self._state_text.text()
 
     def button(self, name: str) -> QPushButton:
-        """Return one of the buttons start, pause, resume, proceed, stop."""
+        """Return one of the buttons start, queue_add, pause, resume, proceed, stop."""
         return self._buttons[name]
 
     # -- building -----------------------------------------------------------------------------------------------------
@@ -286,7 +284,8 @@ class RunPanel(QWidget):
     def _build_form(self, tasks: tuple[str, ...], devices: tuple[tuple[str, str], ...]) -> None:
         self._labels: dict[str, QLabel] = {}
         content = QWidget()
-        heading = QLabel("Training" if len(tasks) > 1 else _TASK_TEXTS[tasks[0]], content)
+        self._title = "Training" if len(tasks) > 1 else TASK_TEXTS[tasks[0]]
+        self._heading = heading = QLabel(self._title, content)
         font = heading.font()
         font.setBold(True)
         font.setPointSizeF(font.pointSizeF() * 1.15)
@@ -294,10 +293,10 @@ class RunPanel(QWidget):
         form = _form()
         # With a single task there is nothing to choose; a box with one entry would be a dead control.
         if len(tasks) > 1:
-            self._add(form, "task", make_editor("task", tuple((task, _TASK_TEXTS.get(task, task)) for task in tasks)))
+            self._add(form, "task", make_editor("task", tuple((task, TASK_TEXTS.get(task, task)) for task in tasks)))
             self._editors["task"].edited.connect(self._on_task_chosen)
             self._editors["task"].edited.connect(self.taskChosen)
-        presets = tuple((name, _PRESET_TEXTS.get(name, name.capitalize())) for name in choices("preset"))
+        presets = tuple((name, PRESET_TEXTS.get(name, name.capitalize())) for name in choices("preset"))
         self._add(form, "preset", make_editor("preset", presets))
         self._editors["preset"].edited.connect(self._on_preset_chosen)
         hole_form = _form()
@@ -309,6 +308,11 @@ class RunPanel(QWidget):
         device_options = tuple(_DEVICE_TEXTS.items()) + devices
         for name in _PLAIN:
             self._add(form, name, make_editor(name, device_options if name == "device" else None))
+        self.place = RunPlace()
+        place_label = QLabel("Run on")
+        place_label.setToolTip(self.place.toolTip())
+        place_label.setBuddy(self.place)
+        form.addRow(place_label, self.place)
         advanced = QWidget()
         advanced_form = _form()
         advanced_form.setContentsMargins(0, 0, 0, 0)
@@ -362,12 +366,13 @@ class RunPanel(QWidget):
     def _build_controls(self) -> QWidget:
         frame = QWidget(self)
         self._buttons: dict[str, QPushButton] = {}
-        for name in ("start", "pause", "resume", "proceed", "stop"):
+        for name in ("start", "queue_add", "pause", "resume", "proceed", "stop"):
             button = QPushButton(frame)
             button.setObjectName(f"button_{name}")
             follow_action(button, self._actions[name])
             self._buttons[name] = button
-        self._buttons["start"].setMinimumHeight(36)
+        for name in ("start", "queue_add"):
+            self._buttons[name].setMinimumHeight(36)
         self._buttons["start"].setDefault(True)
         row = QHBoxLayout()
         row.setSpacing(8)
@@ -401,6 +406,7 @@ class RunPanel(QWidget):
         layout.addWidget(line)
         layout.addWidget(self._problem_text)
         layout.addWidget(self._buttons["start"])
+        layout.addWidget(self._buttons["queue_add"])
         layout.addLayout(row)
         layout.addLayout(progress)
         return frame
@@ -414,6 +420,27 @@ _STATE_TEXTS = {
     RunnerState.FAILED: "Failed",
 }
 _RUN_TEXTS = {"finished": "Finished", "stopped": "Stopped", "interrupted": "Interrupted", "failed": "Failed", "rest": "At rest"}
+
+
+def pace_texts(status: Status) -> list[str]:
+    """Return how fast the training is, how long it takes yet or has taken, and where it computes."""
+    texts = []
+    if status.state is RunnerState.RUNNING and status.speed > 0:
+        texts.append(f"{status.speed:.1f} steps/s" if status.speed < 100 else f"{status.speed:.0f} steps/s")
+        texts.append(f"{duration((status.total - status.step) / status.speed)} left")
+    elif status.total and status.seconds > 0:
+        texts.append(f"{duration(status.seconds)} of training")
+    return [*texts, status.device] if status.device else texts
+
+
+def progress_text(status: Status, memory: str) -> str:
+    """Return the progress of a training in one line, for the status bar; empty while nothing is trained."""
+    if not status.state.is_active:
+        return ""
+    what = _STATE_TEXTS[status.state]
+    steps = f" {status.step:,} of {status.total:,}" if status.total and status.state is not RunnerState.PREPARING else ""
+    return "  ·  ".join([what + steps, *pace_texts(status), *([memory] if memory else [])])
+
 
 _KEEPS_TIP = "Completion by made-up holes leaves known vertices where they are. Other presets can predict them."
 _REST_TIP = "The inserted vertices hardly moved any more, so the training ended before its last step."

@@ -26,6 +26,8 @@ LABELS = {
     "gmm_kernels": "GMM kernels", "architecture": "Layers as in", "skip": "Skip connections",
     "laplacian_epsilon": "Laplacian floor",
 }  # fmt: skip
+PRESET_TEXTS = {"compact": "Compact", "paper": "Paper", "paper-2021-04": "Paper, April 2021", "best": "Best result"}
+TASK_TEXTS = {"denoise": "Remove noise", "complete": "Fill holes"}
 # What a person reads instead of a value where the value alone says too little.
 _VALUE_TEXTS = {
     "convolution": {"gcn": "GCN", "chebyshev": "Chebyshev", "gmm": "GMM (valence)", "gmm-geometric": "GMM (geometric)"},

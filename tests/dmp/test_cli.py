@@ -58,6 +58,10 @@ def test_export_and_resume_of_a_run(files: Path) -> None:
     assert read_mesh(files / "ten.obj").n_vertices == 258
     assert _run("export", files / "run", "--step", "11", "-o", files / "x.obj") == 2
     assert _run("resume", files / "run") == 2
+    # A kill after the last step and before the result was written leaves a run that only lacks that.
+    (files / "out.ply").rename(files / "whole.ply")
+    assert _run("resume", files / "run", "-o", files / "out.ply") == 0
+    assert (files / "out.ply").read_bytes() == (files / "whole.ply").read_bytes()
     assert _run("resume", files / "run", "--steps", "30", "-o", files / "thirty.stl", "--keep", "last") == 0
     assert Run.open(files / "run").snapshot_steps() == [0, 10, 20, 30]
     assert _run("export", files / "run", "-o", files / "kept.ply") == 0

@@ -31,6 +31,7 @@ from tests.soak import Result
 
 FULL_SIZE = 100
 _LONGEST = 120.0
+_SAID = "said.txt"
 
 
 @dataclass(frozen=True)
@@ -98,14 +99,17 @@ def _kill_again_and_again(
                 path.rmdir() if path.is_dir() else path.unlink()
         arguments = case.arguments(mesh, folder, output) if is_new else ["resume", str(folder), "--quiet", "-o", str(output)]
         delay = float(generator.uniform(0, truth[1])) if kills < most else None
-        code, reached = _call(arguments, delay)
+        code, reached = _call(arguments, delay, folder.parent / _SAID)
         if code == 0:
             failures += _differences(f"{case.command} {case.preset}, finished", whole, Run.open(folder))
+            if output.read_bytes() != truth[0].with_suffix(".ply").read_bytes():
+                failures.append(f"{case.command} {case.preset}: the result that was saved differs")
             if mesh.read_bytes() != before:
                 failures.append(f"{case.command} {case.preset}: the input was changed")
             return kills
         if code != -signal.SIGKILL:
-            failures.append(f"{case.command} {case.preset}: '{' '.join(arguments[:2])}' ended with {code} after {kills} kills")
+            said = (folder.parent / _SAID).read_text(encoding="utf-8", errors="replace").strip()
+            failures.append(f"{case.command} {case.preset}: '{arguments[0]}' ended with {code} after {kills} kills: {said}")
             return kills
         kills += 1
         if (folder / "run.json").exists():
@@ -149,14 +153,14 @@ def _uninterrupted(case: Case, folder: Path) -> tuple[Path, float]:
     """Train once without a kill; return the run and the seconds that it took."""
     run_folder = folder / f"whole-{case.command}-{case.preset}"
     started = time.monotonic()
-    code, _ = _call(case.arguments(folder / f"{case.command}.ply", run_folder, folder / "whole.ply"), None)
+    code, _ = _call(case.arguments(folder / f"{case.command}.ply", run_folder, run_folder.with_suffix(".ply")), None)
     if code != 0:
         raise RuntimeError(f"The uninterrupted training ended with {code}.")
     return run_folder, time.monotonic() - started
 
 
-def _call(arguments: list[str], delay: float | None) -> tuple[int, int]:
-    """Run the command line in a process of its own and kill it after ``delay`` seconds.
+def _call(arguments: list[str], delay: float | None, said: Path = Path(os.devnull)) -> tuple[int, int]:
+    """Run the command line in a process of its own and kill it after ``delay`` seconds; what it says goes to ``said``.
 
     Returns:
         the exit code, negative for a signal, and the last step that it handed out.
@@ -165,7 +169,7 @@ def _call(arguments: list[str], delay: float | None) -> tuple[int, int]:
     child = os.fork()
     if child == 0:
         os.close(reading)
-        _be_the_command(arguments, lambda step: os.write(writing, step.to_bytes(4, "little")))
+        _be_the_command(arguments, said, lambda step: os.write(writing, step.to_bytes(4, "little")))
     os.close(writing)
     deadline = time.monotonic() + (_LONGEST if delay is None else delay)
     told = b""
@@ -185,7 +189,7 @@ def _call(arguments: list[str], delay: float | None) -> tuple[int, int]:
     return os.waitstatus_to_exitcode(status), steps[-1] if steps else 0
 
 
-def _be_the_command(arguments: list[str], tell: Callable[[int], object]) -> None:
+def _be_the_command(arguments: list[str], said: Path, tell: Callable[[int], object]) -> None:
     """In the child: report each step, do what the command does, and end without returning to the test."""
     record = outcome.record
 
@@ -203,8 +207,8 @@ def _be_the_command(arguments: list[str], tell: Callable[[int], object]) -> None
         outcome.record = reporting  # type: ignore[assignment]
         from dmp.cli import main
 
-        with open(os.devnull, "w") as nothing:  # noqa: PTH123
-            sys.stdout = sys.stderr = nothing
+        with said.open("w", encoding="utf-8") as file:
+            sys.stdout = sys.stderr = file
             main(arguments)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 0

@@ -25,7 +25,7 @@ from dmp_viewer.app import make_application
 from dmp_viewer.controller import Controller
 from dmp_viewer.settings import Preferences
 from dmp_viewer.tasks import TASKS
-from dmp_viewer.views import dialogs, filter_choice, questions, run_choice
+from dmp_viewer.views import dialogs, export_dialog, filter_choice, questions, run_choice
 from dmp_viewer.views.main_window import MainWindow
 from tests.meshes import grid_mesh
 
@@ -48,6 +48,7 @@ DIALOGS = (
     *((questions, name) for name in ("ask_range", "ask_vertex")),
     (run_choice, "ask_run_to_compare"),
     (filter_choice, "ask_filter"),
+    (export_dialog, "ask_target"),
 )
 
 
@@ -156,6 +157,8 @@ def make_viewer(qtbot: QtBot, tmp_path: Path) -> Iterator[Callable[..., Controll
         controller.runner.wait(10)
         controller.background.close()
         controller.scanner.close()
+        controller.exports.close()
+        controller.runs.close()
         controller.comparing.close()
         controller.presenter.close()
         controller.window.close()

@@ -254,7 +254,8 @@ def test_holes_can_be_looked_at_but_not_chosen_during_a_training(sheet: Controll
     assert sheet.workspace.holes.chosen == chosen
     assert sheet.window.panes.camera_state() != camera
     assert not holes_of(sheet).none_button.isEnabled()
-    assert not sheet.window.panel.editor("steps").isEnabled()
+    assert not sheet.window.panel.editor("task").isEnabled()
+    assert sheet.window.panel.editor("steps").isEnabled()
     assert not sheet.window.panel.hole_section.denoise_too.isEnabled()
     trigger(sheet, "stop")
     wait_until_trained(sheet, qtbot)

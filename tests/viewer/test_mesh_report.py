@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
-from qtpy.QtCore import Qt
+from qtpy.QtCore import QCoreApplication, Qt
 from qtpy.QtWidgets import QPushButton
 
 from dmp.mesh import TriangleMesh
+from dmp.mesh_report import Finding, mesh_report
 from dmp.meshio import read_mesh, write_mesh
+from dmp_viewer import report_control
 from dmp_viewer.controller import Controller
 from dmp_viewer.views import dialogs
 from dmp_viewer.views.mesh_panes import INPUT
@@ -64,6 +67,7 @@ def test_a_clean_mesh_has_a_report_and_no_note(viewer: Controller, mesh_files: t
     dialog = report_of(viewer)
     assert dialog.heading == "scan.ply  ·  258 vertices, 512 faces"
     assert dialog.texts == []
+    assert dialog.empty_text == "There is nothing odd about this mesh."
     assert not dialog.repair_button.isEnabled()
     assert not dialog.back_button.isVisible()
     assert not dialog.save_button.isVisible()
@@ -219,3 +223,32 @@ def test_the_report_follows_the_open_mesh_and_the_theme(
     assert not any("crack" in text for text in viewer.window.banners.texts())
     qtbot.keyClick(dialog, Qt.Key.Key_Escape)
     assert not dialog.isVisible()
+
+
+def test_nothing_is_said_about_a_mesh_before_it_was_looked_over(
+    viewer: Controller, mesh_files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    may_end = threading.Event()
+
+    def slow_report(mesh: TriangleMesh) -> tuple[Finding, ...]:
+        assert may_end.wait(20)
+        return mesh_report(mesh)
+
+    monkeypatch.setattr(report_control, "mesh_report", slow_report)
+    viewer.opener.open_path(mesh_files[0])
+    while viewer.workspace.source is None:
+        QCoreApplication.processEvents()
+    viewer.report.open_report()
+    dialog = viewer.report.dialog
+    assert dialog is not None
+    assert dialog.empty_text == "The mesh is being looked over…"
+    may_end.set()
+    assert viewer.background.wait(20)
+    assert dialog.empty_text == "There is nothing odd about this mesh."
+
+    def failing_report(_mesh: TriangleMesh) -> tuple[Finding, ...]:
+        raise MemoryError
+
+    monkeypatch.setattr(report_control, "mesh_report", failing_report)
+    open_files(viewer, mesh_files[1])
+    assert dialog.empty_text == "This mesh could not be looked over."

@@ -102,15 +102,18 @@ def test_nothing_in_the_panel_is_cut(panel: RunPanel, qtbot: QtBot) -> None:
     ("state", "controls", "visible"),
     [
         (RunnerState.IDLE, Controls(start=True), {"start", "pause", "stop"}),
-        (RunnerState.RUNNING, Controls(pause=True, stop=True), {"start", "pause", "stop"}),
-        (RunnerState.PAUSED, Controls(resume=True, stop=True), {"start", "resume", "stop"}),
+        (RunnerState.RUNNING, Controls(pause=True, stop=True), {"queue_add", "pause", "stop"}),
+        (RunnerState.PAUSED, Controls(resume=True, stop=True), {"queue_add", "resume", "stop"}),
         (RunnerState.FINISHED, Controls(start=True, proceed=True), {"start", "proceed"}),
     ],
 )
 def test_the_buttons_in_sight(panel: RunPanel, state: RunnerState, controls: Controls, visible: set[str]) -> None:
     panel.set_controls(controls, state)
-    assert {name for name in ("start", "pause", "resume", "proceed", "stop") if panel.button(name).isVisible()} == visible
-    assert panel.editor("steps").isEnabled() is not state.is_active
+    names = ("start", "queue_add", "pause", "resume", "proceed", "stop")
+    assert {name for name in names if panel.button(name).isVisible()} == visible
+    # What is set during a training is for the next one, of the same mesh.
+    assert panel.editor("steps").isEnabled()
+    assert panel.editor("known_vertices").isEnabled() is not state.is_active
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,1 @@
+"""How long a training step takes, beside another library and beside what the machine could do at best."""

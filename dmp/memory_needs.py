@@ -1,0 +1,107 @@
+"""What a training will take of memory, said before it begins: it fits, it takes a longer way, or it is refused."""
+
+from __future__ import annotations
+
+from dmp.devices import choose_device
+from dmp.errors import SettingsError
+from dmp.layers.gcn_stack import bytes_per_vertex
+from dmp.memory import free_memory, gigabytes, held_memory
+from dmp.network import LAYOUTS
+from dmp.settings import Settings, settings_for
+
+# Bytes for each vertex beside the layers: mesh, base, sparse matrices, losses, what is shown; measured, see docs/benchmarks.md.
+_BESIDE_LAYERS = 3_000
+# What the other methods take for each vertex in all, measured likewise.
+_RECORRUPTED, _MADE_UP_HOLES = 15_000, 12_000
+# Independent of the mesh: modules that are loaded late, weights, and the allocator's slack.
+_IN_ANY_CASE = 150_000_000
+# Automatic derivatives keep more between the layers than buffers do; a mixture has products for each of its kernels.
+_PLAIN_LAYERS = 1.6
+# Part of the free memory that is counted on; other programs need some too.
+_USABLE = 0.9
+
+
+def memory_needed(settings: Settings, n_vertices: int, *, keep_outputs: bool = True) -> int:
+    """Return the bytes that a training on the processor takes, beside what the process holds already.
+
+    Args:
+        settings: of the training.
+        n_vertices: of the mesh.
+        keep_outputs: see :class:`dmp.layers.gcn_stack.StackBuffers`; without meaning where there are none.
+    """
+    if settings.method == "recorrupted":
+        each = float(_RECORRUPTED)
+    elif settings.method == "made-up-holes":
+        each = float(_MADE_UP_HOLES)
+    else:
+        widths = LAYOUTS[settings.architecture].divided(settings.width_divisor).widths
+        value_bytes = 2 if settings.precision == "bfloat16" and _has_buffers(settings) else 4
+        kept = keep_outputs or not _has_buffers(settings)
+        each = bytes_per_vertex(settings.input_channels, widths, value_bytes=value_bytes, keep_outputs=kept)
+        each += value_bytes * max(widths)
+        if not _has_buffers(settings):
+            each *= _PLAIN_LAYERS * (settings.gmm_kernels if settings.convolution.startswith("gmm") else 1)
+        each += _BESIDE_LAYERS
+    return int(_IN_ANY_CASE + each * n_vertices)
+
+
+def check_memory(settings: Settings, n_vertices: int) -> None:
+    """Refuse a training that will not fit into what is free, or into ``settings.memory``.
+
+    Raises:
+        SettingsError: the text says how much is needed, how much there is, and what to do.
+    """
+    usable = usable_memory(settings)
+    if usable is None:
+        return
+    needed = memory_needed(settings, n_vertices, keep_outputs=False)
+    if needed > usable:
+        raise SettingsError(_refusal(settings, n_vertices, needed, usable))
+
+
+def has_room_for_outputs(settings: Settings, n_vertices: int) -> bool:
+    """Return whether outputs of layers can be kept, see :class:`dmp.layers.gcn_stack.StackBuffers`."""
+    usable = usable_memory(settings)
+    return usable is None or memory_needed(settings, n_vertices) <= usable
+
+
+def usable_memory(settings: Settings) -> float | None:
+    """Return the bytes that a training may still take, or None where there is no telling or it is not the processor's."""
+    if choose_device(settings.device).type != "cpu":
+        return None
+    free = free_memory()
+    usable = None if free is None else free * _USABLE
+    if settings.memory:
+        allowed = settings.memory * 1e9 - held_memory()
+        usable = allowed if usable is None else min(allowed, usable)
+    return usable
+
+
+def _has_buffers(settings: Settings) -> bool:
+    return settings.method == "prior" and settings.convolution == "gcn" and not settings.skip
+
+
+def _refusal(settings: Settings, n_vertices: int, needed: int, usable: float) -> str:
+    free = free_memory()
+    is_bounded = settings.memory > 0 and (free is None or usable < free * _USABLE)
+    left = f"--memory {settings.memory:g} leaves {gigabytes(max(0.0, usable))}"
+    there = left if is_bounded else f"{gigabytes(free or 0)} are free"
+    text = f"Training on {n_vertices:,} vertices with preset '{settings.preset}' needs about {gigabytes(needed)}; {there}."
+    if is_bounded and (free is None or needed <= free * _USABLE):
+        return f"{text} Use --memory {(needed + held_memory()) / 1e9 + 0.1:.1f} or more."
+    if _compact_fits(settings, n_vertices, usable):
+        return f"{text} Use --preset compact, which needs less."
+    fitting = int(max(0.0, usable - _IN_ANY_CASE) / ((needed - _IN_ANY_CASE) / n_vertices))
+    return f"{text} Close other programs, or reduce the mesh to {_rounded_down(fitting):,} vertices or fewer."
+
+
+def _compact_fits(settings: Settings, n_vertices: int, usable: float) -> bool:
+    if settings.preset == "compact":
+        return False
+    other = settings_for(settings.task, "compact", memory=settings.memory, device=settings.device)
+    return memory_needed(other, n_vertices, keep_outputs=False) <= usable
+
+
+def _rounded_down(count: int) -> int:
+    digits = max(0, len(str(count)) - 2)
+    return count // 10**digits * 10**digits

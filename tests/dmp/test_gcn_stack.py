@@ -1,0 +1,112 @@
+"""The series of graph convolutions with its own backward pass, against the same layers with automatic derivatives."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from torch import Tensor
+
+from dmp.layers.gcn_stack import StackBuffers, bytes_per_vertex, gcn_stack
+from dmp.mesh import TriangleMesh
+from dmp.network import LAYOUTS, DisplacementNetwork
+from dmp.operators import normalised_adjacency, to_torch
+
+_LAYOUT = LAYOUTS["2024-06"].divided(8)
+
+
+def _network(seed: int = 0) -> DisplacementNetwork:
+    torch.manual_seed(seed)
+    network = DisplacementNetwork(16, _LAYOUT.widths, _LAYOUT.hidden)
+    with torch.no_grad():
+        for normalisation in network.normalisations:
+            normalisation.weight.uniform_(-1.5, 1.5)
+            normalisation.bias.uniform_(-0.5, 0.5)
+    return network
+
+
+def _propagation(mesh: TriangleMesh, dtype: torch.dtype = torch.float32) -> Tensor:
+    return to_torch(normalised_adjacency(mesh.faces, mesh.n_vertices)).to(dtype)
+
+
+def _loss_and_gradients(
+    network: DisplacementNetwork, features: Tensor, graph: Tensor, buffers: StackBuffers | None
+) -> tuple[Tensor, dict[str, Tensor]]:
+    network.zero_grad(set_to_none=True)
+    output = network(features, graph, buffers)
+    (output * torch.linspace(-1, 2, output.numel()).view_as(output)).sum().backward()
+    return output.detach(), {name: p.grad.clone() for name, p in network.named_parameters() if p.grad is not None}
+
+
+def _error(found: Tensor, expected: Tensor) -> float:
+    return float((found - expected).abs().max() / expected.abs().max())
+
+
+@pytest.mark.parametrize("keep_outputs", [True, False])
+def test_outputs_and_gradients_equal_those_of_automatic_derivatives(sphere: TriangleMesh, keep_outputs: bool) -> None:
+    network, graph = _network(), _propagation(sphere)
+    features = torch.randn(sphere.n_vertices, 16, generator=torch.Generator().manual_seed(1))
+    buffers = network.buffers_for(sphere.n_vertices, keep_outputs=keep_outputs)
+    plain, expected = _loss_and_gradients(network, features, graph, None)
+    output, found = _loss_and_gradients(network, features, graph, buffers)
+    assert _error(output, plain) < 1e-5
+    assert found.keys() == expected.keys()
+    for name, gradient in expected.items():
+        if name.startswith("convolutions") and name.endswith("bias"):
+            # Batch normalisation takes a constant off again, so the true gradient is 0.
+            assert not found[name].any()
+        else:
+            assert _error(found[name], gradient) < 1e-5, name
+
+
+def test_gradients_of_the_features_and_a_second_pass_through_the_same_buffers(sphere: TriangleMesh) -> None:
+    network, graph = _network(1), _propagation(sphere)
+    buffers = network.buffers_for(sphere.n_vertices)
+    assert buffers is not None
+    for seed in (1, 2):
+        values = torch.randn(sphere.n_vertices, 16, generator=torch.Generator().manual_seed(seed))
+        first, second = values.clone().requires_grad_(), values.clone().requires_grad_()
+        weights = torch.randn(sphere.n_vertices, 3)
+        (network(first, graph) * weights).sum().backward()
+        (network(second, graph, buffers) * weights).sum().backward()
+        assert first.grad is not None and second.grad is not None
+        assert _error(second.grad, first.grad) < 1e-5
+
+
+def test_outputs_stay_when_the_buffers_are_used_again_and_a_late_backward_pass_is_refused(sphere: TriangleMesh) -> None:
+    network, graph = _network(), _propagation(sphere)
+    buffers = network.buffers_for(sphere.n_vertices)
+    assert buffers is not None
+    features = torch.randn(sphere.n_vertices, 16)
+    stack = gcn_stack(features, graph, network.convolutions, network.normalisations, buffers)
+    before = stack.detach().clone()
+    gcn_stack(features + 1, graph, network.convolutions, network.normalisations, buffers)
+    assert torch.equal(stack.detach(), before)
+    with pytest.raises(RuntimeError, match="another forward pass"):
+        stack.sum().backward()
+
+
+def test_bfloat16_keeps_the_direction_of_the_gradient(sphere: TriangleMesh) -> None:
+    # Few layers: depth and batch normalisation make rounding grow.
+    torch.manual_seed(0)
+    network = DisplacementNetwork(16, (32, 64, 32), 16)
+    features = torch.randn(sphere.n_vertices, 16)
+    _, expected = _loss_and_gradients(network, features, _propagation(sphere), None)
+    buffers = StackBuffers(sphere.n_vertices, 16, (32, 64, 32), dtype=torch.bfloat16)
+    _, found = _loss_and_gradients(network, features, _propagation(sphere, torch.bfloat16), buffers)
+    for name, gradient in expected.items():
+        assert found[name].dtype == torch.float32
+        if not (name.startswith("convolutions") and name.endswith("bias")):
+            cosine = torch.nn.functional.cosine_similarity(found[name].ravel(), gradient.ravel(), dim=0)
+            assert cosine > 0.99, name
+
+
+def test_buffers_take_the_memory_that_is_told_of_them() -> None:
+    for keep_outputs in (True, False):
+        buffers = StackBuffers(100, 16, _LAYOUT.widths, keep_outputs=keep_outputs)
+        held = [tensor for value in vars(buffers).values() if isinstance(value, list) for tensor in value if tensor is not None]
+        told = bytes_per_vertex(16, _LAYOUT.widths, keep_outputs=keep_outputs)
+        assert sum(tensor.numel() * tensor.element_size() for tensor in held) == 100 * told
+
+
+def test_other_networks_do_without_buffers() -> None:
+    assert DisplacementNetwork(16, (16, 16, 16), 16, skip=True).buffers_for(10) is None
