@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dmp.adam import Adam
 from dmp.devices import has_fast_bfloat16
 from dmp.errors import SettingsError, TrainingError
 from dmp.layers import convolution_maker, graph_for
@@ -18,7 +19,7 @@ from dmp.mesh import FloatArray, IntArray
 from dmp.network import LAYOUTS, DisplacementNetwork
 from dmp.operators import to_torch
 from dmp.problem import Problem
-from dmp.renumbering import inverse_of, locality_order
+from dmp.renumbering import inverse_of, locality_order, renumbered
 from dmp.settings import Precision, Settings
 from dmp.topology import adjacency
 from dmp.training import Training
@@ -42,14 +43,15 @@ class DeepMeshPrior(Training):
 
         # Inside, vertices have another order than in the file; what comes out is in that of the file again.
         n_vertices = problem.mesh.n_vertices
-        order = locality_order(adjacency(problem.mesh.faces, n_vertices))
+        neighbours = adjacency(problem.mesh.faces, n_vertices)
+        order = locality_order(neighbours)
         inverse = inverse_of(order)
+        neighbours = renumbered(neighbours, order)
         faces, base = inverse[problem.mesh.faces], problem.base[order]
         fitted = np.sort(inverse[fitted])
         self._order, self._inverse = (torch.from_numpy(numbers).to(self.device) for numbers in (order, inverse))
 
-        neighbours = adjacency(faces, n_vertices)
-        self._graph = graph_for(settings, faces, base, self.device)
+        self._graph = graph_for(settings, faces, base, self.device, neighbours)
         self._adjacency = to_torch(neighbours, self.device)
         # A vertex of degenerate faces only may have no neighbour; its Laplacian is then the vertex itself over 1.
         self._valence = self._tensor(np.maximum(neighbours.sum(axis=1), 1.0)[:, None])
@@ -80,7 +82,7 @@ class DeepMeshPrior(Training):
             )
         if self._buffers is not None and isinstance(self._graph, Tensor):
             self._graph = self._graph.to(self._buffers.dtype)
-        self._optimiser = torch.optim.Adam(self._network.parameters(), lr=settings.learning_rate, fused=True)
+        self._optimiser = Adam(self._network.parameters(), lr=settings.learning_rate)
         self._output = self._base
         self._average: Tensor | None = None
 

@@ -21,9 +21,15 @@ def normalised_adjacency(faces: IntArray, n_vertices: int) -> sparse.csr_array:
     Returns:
         (V, V) float64, symmetric.
     """
-    with_loops = adjacency(faces, n_vertices) + sparse.eye_array(n_vertices)
-    scale = sparse.diags_array(1.0 / np.sqrt(with_loops.sum(axis=1)))
-    return sparse.csr_array(scale @ with_loops @ scale)
+    return normalised_with_loops(adjacency(faces, n_vertices))
+
+
+def normalised_with_loops(neighbours: sparse.csr_array) -> sparse.csr_array:
+    """Return D^(-1/2) (A + I) D^(-1/2) for A, (V, V) float64; see :func:`normalised_adjacency`."""
+    result = sparse.csr_array(neighbours + sparse.eye_array(neighbours.shape[0]))
+    scale = 1.0 / np.sqrt(result.sum(axis=1))
+    result.data *= np.repeat(scale, np.diff(result.indptr)) * scale[result.indices]
+    return result
 
 
 def scaled_laplacian(faces: IntArray, n_vertices: int) -> sparse.csr_array:

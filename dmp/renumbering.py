@@ -31,3 +31,15 @@ def inverse_of(order: IntArray) -> IntArray:
     inverse = np.empty_like(order)
     inverse[order] = np.arange(len(order))
     return inverse
+
+
+def renumbered(matrix: sparse.csr_array, order: IntArray) -> sparse.csr_array:
+    """Return the matrix (V, V) with rows and columns in another order, column numbers ascending in each row."""
+    inverse = inverse_of(order)
+    lengths = np.diff(matrix.indptr)[order]
+    starts = np.concatenate([[0], np.cumsum(lengths)])
+    # The place of each entry among the old ones: the start of its old row, and its rank in the row.
+    places = np.repeat(matrix.indptr[order] - starts[:-1], lengths) + np.arange(starts[-1])
+    result = sparse.csr_array((matrix.data[places], inverse[matrix.indices[places]], starts), shape=matrix.shape)
+    result.sort_indices()
+    return result

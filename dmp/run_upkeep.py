@@ -18,7 +18,8 @@ from dmp.runs import Run, is_run_folder
 from dmp.settings import Settings, settings_for
 
 _FILES = (
-    "input.ply", "ground_truth.ply", "base.npy", "curve.csv", "checkpoint.pt", "kept.json", "bookmarks.json", "run.lock",
+    "input.ply", "ground_truth.ply", "base.npy", "curve.csv", "checkpoint.pt", "kept.json", "bookmarks.json", "remote.json",
+    "run.lock",
 )  # fmt: skip
 _SNAPSHOT = re.compile(r"[0-9]{6,9}\.npy")
 # Where and how often it is written say nothing about how the result came to be.

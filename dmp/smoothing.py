@@ -6,6 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from dmp.mesh import FloatArray, TriangleMesh
+from dmp.renumbering import inverse_of, locality_order, renumbered
 from dmp.settings import Smoothing
 from dmp.spherical import spherical_smoothing
 from dmp.topology import adjacency, connected_vertices
@@ -27,14 +28,18 @@ def laplacian_smoothing(mesh: TriangleMesh, steps: int = 30) -> FloatArray:
     """
     neighbours = adjacency(mesh.faces, mesh.n_vertices)
     weights = 1.0 + 2.0 * neighbours.sum(axis=1)
-    step = sparse.csr_array(sparse.diags_array(1.0 / weights) @ (sparse.eye_array(mesh.n_vertices) + 2.0 * neighbours))
+    step = sparse.csr_array(sparse.eye_array(mesh.n_vertices) + 2.0 * neighbours)
+    step.data /= np.repeat(weights, np.diff(step.indptr))
     # Around the centre, so that a mesh far from the origin loses no digits.
     used = connected_vertices(mesh.faces, mesh.n_vertices)
     centre = mesh.vertices[used].mean(axis=0) if used.any() else np.zeros(3)
     positions = mesh.vertices - centre
+    # In an order with neighbours together: for large meshes whose order is another, this is much faster.
+    order = locality_order(neighbours)
+    step, positions = renumbered(step, order), positions[order]
     for _ in range(steps):
         positions = step @ positions
-    smoothed = np.asarray(positions + centre)
+    smoothed = np.asarray(positions[inverse_of(order)] + centre)
     # Rounding around the centre must not move what has no neighbours.
     lonely = weights == 1.0
     smoothed[lonely] = mesh.vertices[lonely]

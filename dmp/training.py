@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from dmp.adam import Adam
 from dmp.devices import available_cores, choose_device
 from dmp.errors import TrainingError
 from dmp.measures import Measures
@@ -45,7 +46,7 @@ class Training(ABC):
     """
 
     _network: Any  # a torch.nn.Module, with more that only the method knows
-    _optimiser: torch.optim.Optimizer
+    _optimiser: Adam | torch.optim.Optimizer
 
     def __init__(self, problem: Problem, settings: Settings, held_out: IntArray, run_id: str | None = None) -> None:
         self.problem = problem

@@ -13,6 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
+from dmp.adam import Adam
 from dmp.errors import TrainingError
 
 # Far beyond the longest training that the settings allow.
@@ -20,7 +21,7 @@ _MOST_STEPS, _MOST_SECONDS = 10**9, 1e12
 _DEEPEST, _MOST_VALUES = 8, 100_000
 
 
-def check_state(state: Mapping[str, Any], network: nn.Module, optimiser: torch.optim.Optimizer) -> dict[str, Any]:
+def check_state(state: Mapping[str, Any], network: nn.Module, optimiser: Adam | torch.optim.Optimizer) -> dict[str, Any]:
     """Return ``state`` with the optimiser's own settings in place of those that were read.
 
     Args:

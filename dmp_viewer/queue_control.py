@@ -13,7 +13,7 @@ from dmp.errors import DmpError, RunError
 from dmp.run_upkeep import remove_run
 from dmp.runs import Run
 from dmp.settings import Settings
-from dmp_viewer import tasks
+from dmp_viewer import remote, tasks
 from dmp_viewer.icons import icon
 from dmp_viewer.pace import Pace
 from dmp_viewer.queue_model import Queue, Waiting, save_queue, saved_queue
@@ -145,7 +145,7 @@ class QueueControl(QObject):
     def before_begin(self, session: Session) -> None:
         """Show the mesh of the training that begins, when it is another one than that on show."""
         turn = self._turn
-        if turn is None or turn.opened is None or turn.opened.run is not session.run:
+        if turn is None or turn.opened is None or turn.opened.run.run_id != session.run.run_id:
             return
         self.queue.remove(turn.item.folder)
         if not _is_same(self._workspace.source, turn.opened.source):
@@ -153,6 +153,8 @@ class QueueControl(QObject):
             self._workspace.open_run(opened.run, opened.problem, opened.source, opened.suggestion)
 
     def _begin_next(self) -> None:
+        from dmp.batch.remote import read_link
+
         item, controller = self.queue.next, self._controller
         if item is None or controller.runner.state.is_active or not self.queue.is_on:
             return
@@ -160,9 +162,11 @@ class QueueControl(QObject):
 
         def prepare() -> Session:
             turn.opened = tasks.open_run(item.folder)
+            if address or read_link(item.folder) is not None:
+                return remote.continue_session(turn.opened.run, address)
             return tasks.continue_session(turn.opened.run, leaves_core=leaves_core)
 
-        leaves_core = controller.runner.pace is Pace.SMOOTH
+        address, leaves_core = controller.remote.address, controller.runner.pace is Pace.SMOOTH
         controller.forget_told_warnings()
         controller.runner.start(prepare)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,18 +40,24 @@ def start_session(
         DmpError: when nobody answers there, versions differ, or the settings cannot work.
     """
     from dmp.batch.cluster import full_address
-    from dmp.batch.remote import Link, RemoteTraining, check
+    from dmp.batch.remote import Link, RemoteTraining, reach
     from dmp.runs import Run
     from dmp_viewer.tasks import waiting_run
 
     link = Link(full_address(address), source.name)
-    remarks = check(link)
-    run = Run.open(waiting_run(source, settings, runs_folder, loops).folder)
-    training = RemoteTraining(run, link)
-    training.connect()
-    training.warnings += remarks
-    training.begin()
-    return _session(training)
+    client, remarks = reach(link)
+    if settings.device.startswith("cuda:"):
+        # Over there each worker has one GPU, and its numbers mean nothing here.
+        settings = replace(settings, device="cuda")
+    try:
+        run = Run.open(waiting_run(source, settings, runs_folder, loops).folder)
+        training = RemoteTraining(run, link, client)
+        training.warnings += remarks
+        training.begin()
+        return _session(training)
+    except BaseException:
+        client.close(timeout=2)
+        raise
 
 
 def continue_session(run: Run, address: str, steps: int | None = None) -> RemoteSession:
@@ -61,20 +67,26 @@ def continue_session(run: Run, address: str, steps: int | None = None) -> Remote
         DmpError: when nobody answers there, or versions differ.
     """
     from dmp.batch.cluster import full_address
-    from dmp.batch.remote import Link, RemoteTraining, read_link
+    from dmp.batch.remote import Link, RemoteTraining, reach, read_link
+    from dmp.runs import Run
 
     link = read_link(run.folder)
     is_there = link is not None
     if link is None:
         path = run.input_path
         link = Link(full_address(address), path.stem if path is not None else "mesh")
-    training = RemoteTraining(Run.open(run.folder), link, steps=steps)
-    training.warnings += training.connect()
-    if is_there:
-        training.attach()
-    else:
-        training.begin()
-    return _session(training)
+    client, remarks = reach(link)
+    try:
+        training = RemoteTraining(Run.open(run.folder), link, client, steps=steps)
+        training.warnings += remarks
+        if is_there:
+            training.attach()
+        else:
+            training.begin()
+        return _session(training)
+    except BaseException:
+        client.close(timeout=2)
+        raise
 
 
 def _session(training: RemoteTraining) -> RemoteSession:

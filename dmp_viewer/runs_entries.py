@@ -84,10 +84,10 @@ class RunRow:
         if self.state == "damaged":
             return text
         if self.state == "waiting":
-            text += f", {self.steps:,} steps to go"
+            text += f", {self.steps:,} steps"
         else:
             whole = self.last_step >= self.steps
-            text += f", {self.last_step:,} steps" if whole else f" at {self.last_step:,} of {self.steps:,} steps"
+            text += f", {self.last_step:,} steps" if whole else f" at {self.last_step:,} of {self.steps:,}"
         return text if self.kept_step is None else f"{text}  ·  kept {self.kept_step:,}"
 
     @property

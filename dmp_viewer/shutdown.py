@@ -12,7 +12,7 @@ import socket
 import tempfile
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from qtpy.QtCore import QObject, QSocketNotifier
 
@@ -51,14 +51,21 @@ class Shutdown(QObject):
         self._notifier = QSocketNotifier(self._reading.fileno(), QSocketNotifier.Type.Read, self)
         self._notifier.activated.connect(self._on_woken)
         signal.set_wakeup_fd(self._writing.fileno(), warn_on_full_buffer=False)
+        self._before: dict[int, Any] = {}
         for name in _NAMES:
             number = getattr(signal, name, None)  # Windows has no SIGHUP
             # Ignored means that whoever started the program wants it so, as nohup does.
             if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
-                signal.signal(number, self._on_signal)
+                self._before[number] = signal.signal(number, _note)
 
-    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
-        _LOG.info("Ended by %s", signal.Signals(number).name)
+    def close(self) -> None:
+        """Listen no longer; the next signal ends the process as it does without this object."""
+        self._notifier.setEnabled(False)
+        signal.set_wakeup_fd(-1)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        self._reading.close()
+        self._writing.close()
 
     def _on_woken(self) -> None:
         try:
@@ -82,6 +89,11 @@ class Shutdown(QObject):
         controller.window.close_guard = lambda: True
         controller.window.close()
         self._application.exit(0)
+
+
+def _note(number: int, _frame: FrameType | None) -> None:
+    """Take the place of the handler that would end the process; what is to be done, the socket brings about."""
+    _LOG.info("Ended by %s", signal.Signals(number).name)
 
 
 def _rescue(run: object) -> None:

@@ -145,7 +145,7 @@ def start_page(runs: Path, made: Path) -> dict[str, Image]:
 
     found = {}
     with Stage(made, size=(1280, 800)) as controller:
-        pump(2.0)
+        controller.opener.offer_samples(with_pictures=True)
         settle(controller)
         found["start"] = image_of(controller.window)
     mesh = read_mesh(_ASSETS / "fan-block-noisy.ply")
@@ -169,6 +169,8 @@ def start_page(runs: Path, made: Path) -> dict[str, Image]:
 
 def denoised(runs: Path, made: Path) -> dict[str, Image]:
     """Everything about a run that removed noise."""
+    from qtpy.QtCore import QPoint
+
     from dmp_viewer.comparing import run_filter
 
     found: dict[str, Image] = {}
@@ -199,14 +201,16 @@ def denoised(runs: Path, made: Path) -> dict[str, Image]:
             shown.append(pane(controller, 2))
         found["colours"] = row(shown)
         workspace.colors.set(quantity="error")
-        workspace.picking.pick(1200)
+        panes = window.panes
+        place = QPoint(round(panes.interactor.width() * 5 / 6), panes.interactor.height() // 2)
+        workspace.picking.pick(panes.vertex_at(place))
         settle(controller)
         pump(1.5)
         settle(controller)
         found["picked"] = part(controller, window.panes, window.picked)
         workspace.picking.pick(None)
         assert workspace.problem is not None
-        filtered = run_filter(workspace.problem, "bilateral_normal", {})
+        filtered = run_filter(workspace.problem, "taubin", {})
         workspace.comparison.set_filtered(filtered.title, filtered.details, filtered.positions)
         settle(controller)
         found["filter"] = part(controller, window.panes)

@@ -15,10 +15,10 @@ from pathlib import Path
 
 
 @contextmanager
-def served(folder: Path, *, workers: int = 1) -> Iterator[int]:
-    """Start ``dmp serve`` with its own data folder; yield the port of its scheduler."""
+def served(folder: Path, *, workers: int = 1, port: int = 0) -> Iterator[int]:
+    """Start ``dmp serve`` with its own data folder; yield the port of its scheduler, any free one unless it is named."""
     environment = {**os.environ, "XDG_DATA_HOME": str(folder / "data"), "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "dmp", "serve", "--port", "0", "--workers", str(workers), "--no-gpus"]
+    command = [sys.executable, "-m", "dmp", "serve", "--port", str(port), "--workers", str(workers), "--no-gpus"]
     with (folder / "serve.log").open("wb") as log:
         process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=log, start_new_session=True)
     try:

@@ -341,6 +341,11 @@ class Engine:
         # What the scheduler told before the end of the work lies in the queue by now.
         self._listen(state)
         if isinstance(result, Ended):
+            if not self._stop.is_set():
+                # Its worker was closed, and nobody here wanted that.
+                attempt.retries.append(f"{time.strftime('%H:%M:%S')}: the worker {attempt.worker} was closed")
+                state.give_back(attempt)
+                return None
             return Finished(name, interrupted=result, retries=tuple(attempt.retries))
         return Finished(name, result, retries=tuple(attempt.retries))
 

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dmp.batch.jobs import BatchJob
 from dmp.memory import free_memory
+from dmp.memory_needs import memory_needed
 from dmp.settings import Settings
 
-# Python, torch and dask in one worker process, before any mesh. Measured: 0.3 GB without dask.
+# Python, torch and dask in one worker process, before any mesh.
 _PROCESS_BYTES = 400 * 2**20
-# Peak bytes for a vertex while training, measured at 16,000 and 66,000 vertices on a processor: compact 15,800 and 12,300,
-# paper 47,300 and 27,400, best (denoising) 18,600 and 8,400, best (completion) 23,900 and 18,800.
-_BYTES_PER_VERTEX = {"recorrupted": 19_000, "made-up-holes": 24_000}
-_BYTES_PER_VERTEX_PRIOR = 48_000
 # How few bytes of a file may stand for one vertex with its two faces, by format; text has more.
 _FILE_BYTES_PER_VERTEX = {
     ".ply": 36,
@@ -41,8 +38,7 @@ def most_vertices(job: BatchJob) -> int:
 
 def bytes_needed(n_vertices: int, settings: Settings) -> int:
     """Return about how many bytes a worker needs at most to train on a mesh of ``n_vertices``."""
-    per_vertex = float(_BYTES_PER_VERTEX.get(settings.method, _BYTES_PER_VERTEX_PRIOR / settings.width_divisor**0.8))
-    return round(_PROCESS_BYTES + per_vertex * n_vertices)
+    return _PROCESS_BYTES + memory_needed(settings, n_vertices)
 
 
 def free_bytes() -> int:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dmp.batch.cluster import Certificates, ClusterError, connect, full_address, wait_for_workers
+from dmp.batch.cluster import GPU, Certificates, ClusterError, connect, full_address, wait_for_workers
 from dmp.batch.parcel import pack
 from dmp.batch.remote_worker import Answer, answer, command, final_files, train_run
 from dmp.batch.versions import check_versions
@@ -65,17 +65,21 @@ def forget_link(folder: Path) -> None:
         (folder / LINK).unlink()
 
 
-def check(link: Link, tls: Certificates | None = None) -> tuple[str, ...]:
-    """Tell what is odd about the other end, before anything is made for it; see :meth:`RemoteTraining.connect`.
+def reach(link: Link, tls: Certificates | None = None) -> tuple[Client, tuple[str, ...]]:
+    """Connect, and compare the versions at both ends, before anything is made or begun.
+
+    Returns:
+        The connection, and sentences on what may change the last digits.
 
     Raises:
         ClusterError: when nobody answers, there is no worker, or a version differs that must not.
     """
     client = connect(link.address, tls)
     try:
-        return _checked(client, link.address)
-    finally:
+        return client, _checked(client, link.address)
+    except BaseException:
         _close(client)
+        raise
 
 
 def _checked(client: Client, address: str) -> tuple[str, ...]:
@@ -90,6 +94,7 @@ class RemoteTraining:
     Args:
         run: its copy here, opened from its folder.
         link: where it is.
+        client: the connection to it, from :func:`reach`.
         tls: files for an encrypted connection.
         steps: train until this step instead of the one in its settings.
 
@@ -98,37 +103,24 @@ class RemoteTraining:
         device: where it computes, as far as it is known.
     """
 
-    def __init__(self, run: Run, link: Link, tls: Certificates | None = None, steps: int | None = None) -> None:
+    def __init__(
+        self, run: Run, link: Link, client: Client, *, tls: Certificates | None = None, steps: int | None = None
+    ) -> None:
         self.run, self.link = run, link
         self.warnings: list[str] = run.warnings
         self.device = ""
         self._tls, self._steps = tls, steps
-        self._client: Client | None = None
+        self._client: Client | None = client
         self._worker: str | None = None
         self._stays = threading.Event()
         self._attempt = -1.0
         self._rows = {int(row["step"]): row for row in run.curve()}
         self._told: set[str] = set()
         self._orphan_since: float | None = None
-        self._is_lost = False
+        self._is_lost = self._is_held = False
         self._problem = run.problem()
 
     # -- beginning ------------------------------------------------------------------------------------------------------
-
-    def connect(self) -> tuple[str, ...]:
-        """Connect, and compare the versions at both ends; return sentences on what may change the last digits.
-
-        Raises:
-            ClusterError: when nobody answers, there is no worker, or a version differs that must not.
-        """
-        client = connect(self.link.address, self._tls)
-        try:
-            remarks = _checked(client, self.link.address)
-        except BaseException:
-            _close(client)
-            raise
-        self._client = client
-        return remarks
 
     def begin(self) -> None:
         """Send the run over there and have it trained (raises :class:`DmpError`)."""
@@ -147,11 +139,15 @@ class RemoteTraining:
         client = self._client
         assert client is not None
         hosts: dict[str, int] = {}
-        for worker in client.scheduler_info(n_workers=-1)["workers"].values():
+        workers = client.scheduler_info(n_workers=-1)["workers"].values()
+        for worker in workers:
             hosts[worker["host"]] = hosts.get(worker["host"], 0) + 1
+        has_gpus = any(worker["resources"].get(GPU, 0) for worker in workers)
+        wants_gpu = has_gpus and self.run.settings.device != "cpu"
         future = client.submit(
             train_run, self.link.name, self.run.run_id, parcel, self._steps, hosts,
             key=f"dmp-run-{self.run.run_id}-{time.time():.3f}", pure=False,
+            resources={GPU: 1} if wants_gpu else None,
         )  # fmt: skip
         # It goes on when we are gone.
         fire_and_forget(future)
@@ -171,6 +167,7 @@ class RemoteTraining:
 
     def hold(self, paused: bool) -> None:
         """Pause or resume the training over there, without waiting for an answer."""
+        self._is_held = paused
         what = "pause" if paused else "resume"
         threading.Thread(target=self._call, args=(command, self.run.run_id, what), daemon=True).start()
 
@@ -202,6 +199,9 @@ class RemoteTraining:
                     continue
                 if found.state in _ENDED:
                     break
+                if found.state == "paused" and not self._is_held:
+                    # The word to go on was lost with a connection.
+                    self._call(command, self.run.run_id, "resume")
                 time.sleep(_POLL_SECONDS)
         except GeneratorExit:
             self._end_early(since_snapshot)

@@ -47,14 +47,14 @@ def serving(service: Service) -> Iterator[tuple[str, list[str]]]:
     quiet_logs()
     security = None if service.tls is None else service.tls.security()
     with dask.config.set(dask_config(_WORKER_TTL)):
-        options: dict[str, Any] = {"host": service.host, "dashboard": False}
+        options: dict[str, Any] = {"host": service.host}
         if security is not None:
             options |= {"security": security, "protocol": "tls"}
         workers, words = {}, []
         for number, gpu in enumerate(_what_to_start(service)):
             workers[number] = {"cls": Nanny, "options": {**worker_options(gpu=gpu), **options}}
             words.append("processor" if gpu is None else f"GPU {gpu}")
-        scheduler = {"cls": Scheduler, "options": {**options, "port": service.port, "dashboard_address": None}}
+        scheduler = {"cls": Scheduler, "options": {**options, "port": service.port, "dashboard_address": f"{LOOPBACK}:0"}}
         try:
             cluster = SpecCluster(workers=workers, scheduler=scheduler, security=security, silence_logs=False)
         except (OSError, RuntimeError, ValueError) as error:
@@ -72,10 +72,12 @@ def serving(service: Service) -> Iterator[tuple[str, list[str]]]:
 
 def _what_to_start(service: Service) -> list[int | None]:
     """Return the number of a GPU for each worker that gets one, and None for each other."""
+    gpus: list[int | None] = list(range(_gpu_count())) if service.gpus else []
+    if service.n_workers or gpus:
+        return gpus + [None] * service.n_workers
     from dmp.devices import available_cores
 
-    gpus: list[int | None] = list(range(_gpu_count())) if service.gpus else []
-    return gpus + [None] * (service.n_workers or (0 if gpus else available_cores()))
+    return [None] * available_cores()
 
 
 def _gpu_count() -> int:

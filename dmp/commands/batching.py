@@ -8,12 +8,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from cyclopts import Group, Parameter
+from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from dmp.commands.common import EXIT_DONE, EXIT_INTERRUPTED, say
-from dmp.commands.options import DenoiseOptions, Quiet, given
+from dmp.commands.options import PLACE, DenoiseOptions, Quiet, Scheduler, TlsFile, given
 from dmp.durations import duration
 from dmp.errors import SettingsError
 from dmp.settings import settings_for
@@ -22,12 +22,6 @@ if TYPE_CHECKING:
     from dmp.batch.conducting import Watcher
     from dmp.batch.folder import Outcome
     from dmp.batch.jobs import BatchJob
-
-_PLACE = Group("Where", help="By default worker processes on this computer, as many as its cores and memory allow.", sort_key=5)
-Scheduler = Annotated[
-    str, Parameter(group=_PLACE, help="Address of a scheduler, such as tcp://127.0.0.1:8786; start one by 'dmp serve'.")
-]
-TlsFile = Annotated[Path | None, Parameter(group=_PLACE, help="PEM file for an encrypted connection; all three are needed.")]
 
 EXIT_FAILURES = 3
 
@@ -47,15 +41,15 @@ def batch(
         Literal["ply", "obj", "stl", "off", "vtp"], Parameter(name="--format", help="File format of the restored meshes.")
     ] = "ply",
     scheduler: Scheduler = "",
-    jobs: Annotated[int, Parameter(group=_PLACE, help="Worker processes on this computer; 0 chooses by itself.")] = 0,
+    jobs: Annotated[int, Parameter(group=PLACE, help="Worker processes on this computer; 0 chooses by itself.")] = 0,
     tls_ca_file: TlsFile = None,
     tls_cert: TlsFile = None,
     tls_key: TlsFile = None,
     patience: Annotated[
-        float, Parameter(group=_PLACE, help="Minutes to wait for a scheduler or workers that are gone, before giving up.")
+        float, Parameter(group=PLACE, help="Minutes to wait for a scheduler or workers that are gone, before giving up.")
     ] = 5.0,
     stall: Annotated[
-        float, Parameter(group=_PLACE, help="Minutes without any step after which a worker is started anew.")
+        float, Parameter(group=PLACE, help="Minutes without any step after which a worker is started anew.")
     ] = 15.0,
     options: DenoiseOptions = None,
     quiet: Quiet = False,
@@ -192,7 +186,7 @@ def _shown(todo: list[BatchJob], out: Path, quiet: bool) -> Iterator[Watcher]:
     store = BatchFolder(out)
     waiting = [job for job in todo if not store.is_done(job.name)]
     n_ended = len(todo) - len(waiting)
-    say(f"{len(todo)} jobs, {n_ended} of them done before. Results: {out}", quiet)
+    say(f"{len(todo)} job{'s' if len(todo) != 1 else ''}, {n_ended} of them done before. Results: {out}", quiet)
     clock = _Clock(waiting)
     console = Console(stderr=True, highlight=False, quiet=quiet, soft_wrap=True)
     columns = (BarColumn(), TextColumn("{task.fields[counted]}"), TimeElapsedColumn(), TextColumn("{task.fields[left]}"))

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
 from dmp.commands.common import EXIT_DONE, EXIT_INTERRUPTED, say
-from dmp.commands.options import Quiet
+from dmp.commands.options import Quiet, Scheduler, TlsFile
 from dmp.errors import SettingsError
 from dmp.experiments.catalogue import EXPERIMENTS
 from dmp.filters import FILTERS
@@ -70,6 +70,10 @@ def experiment(
     ] = Path("experiments"),
     jobs: Annotated[int, Parameter(help="Processes that work at once.")] = 1,
     threads: Annotated[int, Parameter(help="Processor threads of each training; 0 divides the cores among the processes.")] = 0,
+    scheduler: Scheduler = "",
+    tls_ca_file: TlsFile = None,
+    tls_cert: TlsFile = None,
+    tls_key: TlsFile = None,
     device: Annotated[str, Parameter(help="Where to train: auto, cpu, cuda or cuda:N.")] = "auto",
     tables_only: Annotated[bool, Parameter(help="Do nothing new: write the tables of what is done so far.")] = False,
     quiet: Quiet = False,
@@ -84,6 +88,7 @@ def experiment(
         for item in EXPERIMENTS.values():
             print(f"{item.name:{width}}  {item.sentence}")
         return EXIT_DONE
+    from dmp.batch.cluster import certificates
     from dmp.experiments.conducting import cases_from, experiment_named, jobs_for, plans_for, write_reports
     from dmp.experiments.plan import Plan
     from dmp.experiments.running import run_jobs
@@ -109,7 +114,10 @@ def experiment(
     finished = tables_only
     if not tables_only:
         with _shown(todo, store, jobs, quiet) as told:
-            finished = run_jobs(todo, store, n_processes=jobs, threads=threads, told=told)
+            finished = run_jobs(
+                todo, store, n_processes=jobs, threads=threads, scheduler=scheduler,
+                tls=certificates(tls_ca_file, tls_cert, tls_key), told=told,
+            )  # fmt: skip
     if not finished:
         n_done = sum(store.is_done(job) for job in todo)
         say(f"Stopped with {n_done} of {len(todo)} jobs done. The same command goes on from here.", quiet)

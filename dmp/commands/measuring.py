@@ -28,7 +28,7 @@ def benchmark(
     ] = None,
     rounds: Annotated[int, Parameter(help="Steps of each contestant that count; they take turns.")] = 5,
     threads: Annotated[int, Parameter(help="Processor threads; 0 for all.")] = 0,
-    rivals: Annotated[bool, Parameter(help="Let torch_geometric take part.")] = True,
+    rivals: Annotated[bool, Parameter(help="Let torch_geometric take part.", negative="--no-rivals")] = True,
     memory: Annotated[bool, Parameter(help="Measure the peak memory of each preset too, in processes of their own.")] = False,
     preparation: Annotated[bool, Parameter(help="Time import, reading, smoothing, operators and writing too.")] = False,
     json: AsJson = False,

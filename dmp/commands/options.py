@@ -76,6 +76,12 @@ Keep = Annotated[
     str, Parameter(help="Which step to save: auto (suggested without a ground truth), last, best (needs one), or a number.")
 ]
 
+PLACE = Group("Where", help="By default on this computer.", sort_key=5)
+Scheduler = Annotated[
+    str, Parameter(group=PLACE, help="Address of a scheduler, such as tcp://127.0.0.1:8786; start one by 'dmp serve'.")
+]
+TlsFile = Annotated[Path | None, Parameter(group=PLACE, help="PEM file for an encrypted connection; all three are needed.")]
+
 
 def given(options: Any) -> dict[str, Any]:
     """Return the settings that were named on the command line, without those left to the preset."""

@@ -1,30 +1,22 @@
-"""Have a list of jobs done, one after the other or spread over processes.
-
-Whoever runs jobs needs only :func:`dmp.experiments.doing.do_job`; another engine would stand beside these two.
-"""
+"""Have a list of jobs done, one after the other, or by the workers of a dask cluster, here or elsewhere."""
 
 from __future__ import annotations
 
-import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from dataclasses import dataclass
-from multiprocessing import get_context
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from queue import Empty
-from types import FrameType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from dmp.batch.interruption import interruption
 from dmp.errors import RunError
 from dmp.experiments.doing import Interrupted, do_job
 from dmp.experiments.jobs import Job
 from dmp.experiments.store import JobRecord, Store
 
-# So often the processes tell how far they are.
-_INTERVAL_SECONDS = 0.5
+if TYPE_CHECKING:
+    from dmp.batch.cluster import Certificates
+    from dmp.batch.engine import Finished
 
 
 @dataclass(frozen=True)
@@ -46,7 +38,14 @@ Told = Callable[[Progress], object]
 
 
 def run_jobs(
-    jobs: Sequence[Job], store: Store, *, n_processes: int = 1, threads: int = 0, told: Told = lambda _progress: None
+    jobs: Sequence[Job],
+    store: Store,
+    *,
+    n_processes: int = 1,
+    threads: int = 0,
+    scheduler: str = "",
+    tls: Certificates | None = None,
+    told: Told = lambda _progress: None,
 ) -> bool:
     """Do all jobs that are not done yet.
 
@@ -55,20 +54,25 @@ def run_jobs(
         store: where records are kept.
         n_processes: how many work at once.
         threads: processor threads of each training; 0 divides the cores among the processes.
+        scheduler: address of a cluster that does the work instead; it must see the store and the meshes.
+        tls: files for an encrypted connection to it.
         told: called in this thread as work goes on.
 
     Returns:
         False when it was interrupted (SIGINT or SIGTERM); the same call goes on where it stopped.
 
     Raises:
-        RunError: when records cannot be written, or a process died.
+        RunError: when records cannot be written.
+        ClusterError: when the scheduler cannot be reached.
     """
     from dmp.devices import available_cores
 
     waiting = [job for job in jobs if not store.is_done(job)]
-    means = _Means(store, min(n_processes, len(waiting)), threads or max(1, available_cores() // max(1, n_processes)))
-    run = _in_this_process if means.n_processes <= 1 else _in_processes
-    with _interruption() as stop:
+    if not scheduler:
+        threads = threads or max(1, available_cores() // max(1, n_processes))
+    means = _Means(store, min(n_processes, len(waiting)), threads, scheduler, tls)
+    run = _in_this_process if not waiting or (means.n_processes <= 1 and not scheduler) else _on_cluster
+    with interruption() as stop:
         run(waiting, means, stop, told)
         return not stop.is_set()
 
@@ -78,6 +82,8 @@ class _Means:
     store: Store
     n_processes: int
     threads: int
+    scheduler: str
+    tls: Certificates | None
 
 
 def _in_this_process(jobs: Sequence[Job], means: _Means, stop: threading.Event, told: Told) -> None:
@@ -99,93 +105,82 @@ def _in_this_process(jobs: Sequence[Job], means: _Means, stop: threading.Event, 
         told(Progress(job, 1.0, record))
 
 
-_worker: dict[str, Any] = {}
+def do_on_worker(job: Job, folder: Path, wanted_threads: int, **how: Any) -> JobRecord:
+    """Do a job on a worker of a dask cluster; see :func:`dmp.batch.attending.attend` for ``how`` it is called.
 
-
-def _begin_worker(folder: str, threads: int, stop: Any, queue: Any) -> None:
-    # The parent alone decides what an interruption means; a terminal sends it to all.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    _worker.update(store=Store(Path(folder)), threads=threads, stop=stop, queue=queue)
-
-
-def _work(number: int, job: Job) -> JobRecord | None:
-    if _worker["stop"].is_set():
-        return None
-    queue = _worker["queue"]
-    last = [0.0]
-    queue.put((number, 0.0))
-
-    def tell(share: float) -> None:
-        if share - last[0] >= 0.01:
-            last[0] = share
-            queue.put((number, share))
+    Raises:
+        dmp.batch.doing.Interrupted: when it was asked to stop.
+    """
+    from dmp.batch import doing
 
     try:
-        return do_job(job, _worker["store"], threads=_worker["threads"], stop=_worker["stop"].is_set, told=tell)
-    except Interrupted:
-        return None
+        return do_job(job, Store(folder), threads=wanted_threads or how["threads"], stop=how["stop"], told=how["told"])
+    except Interrupted as error:
+        raise doing.Interrupted from error
 
 
-def _in_processes(jobs: Sequence[Job], means: _Means, stop: threading.Event, told: Told) -> None:
-    # Forking a process that has loaded torch can hang its threads.
-    context = get_context("spawn")
-    shared_stop, queue = context.Event(), context.Queue()
-    beginning = (str(means.store.folder), means.threads, shared_stop, queue)
-    with ProcessPoolExecutor(means.n_processes, context, initializer=_begin_worker, initargs=beginning) as pool:
-        pending: dict[Future[JobRecord | None], Job] = {}
+def _on_cluster(jobs: Sequence[Job], means: _Means, stop: threading.Event, told: Told) -> None:
+    from dmp.batch.cluster import ClusterError, connect, local_client, wait_for_workers
+    from dmp.batch.conducting import sees_all
+    from dmp.batch.engine import Engine, Means, Work
+    from dmp.batch.versions import check_versions
+
+    # The longest first, so that none is left over at the end.
+    ordered = sorted(jobs, key=lambda job: -job.work)
+    by_name = {job.name: job for job in ordered}
+    folder = means.store.folder.absolute()
+
+    def work(job: Job) -> Work:
+        return Work(job.name, do_on_worker, lambda: (_with_full_paths(job), folder, means.threads))
+
+    def tell(name: str, share: float) -> None:
+        told(Progress(by_name[name], share))
+
+    if means.scheduler:
+
+        def connected() -> Any:
+            return connect(means.scheduler, means.tls)
+
+        client = connected()
         try:
-            # The longest first, so that none is left over at the end.
-            for number in sorted(range(len(jobs)), key=lambda index: -jobs[index].work):
-                pending[pool.submit(_work, number, jobs[number])] = jobs[number]
-            while pending:
-                finished, _ = wait(pending, timeout=_INTERVAL_SECONDS, return_when=FIRST_COMPLETED)
-                for number, share in _drained(queue):
-                    told(Progress(jobs[number], share))
-                for future in finished:
-                    job = pending.pop(future)
-                    record = None if future.cancelled() else future.result()
-                    if record is not None:
-                        told(Progress(job, 1.0, record))
-                if stop.is_set() and not shared_stop.is_set():
-                    shared_stop.set()
-                    for future in pending:
-                        future.cancel()
-        except BrokenProcessPool as error:
-            raise RunError(
-                "A process of the experiment was ended from outside, perhaps because memory ran out. What is done is kept: "
-                "start the same command again, with a smaller --jobs."
-            ) from error
+            if not wait_for_workers(client, 30.0):
+                raise ClusterError(f"There is no worker at {means.scheduler}. Start one over there: dmp serve.")
+            check_versions(client)
+            if not sees_all(client, folder, {Path(path).parent for job in ordered for path in _files_of(job)}):
+                raise RunError(
+                    f"The workers at {means.scheduler} do not see {folder} or the meshes. An experiment needs a folder that "
+                    "both ends see under the same path; 'dmp batch' does not."
+                )
         finally:
-            shared_stop.set()
-
-
-def _drained(queue: Any) -> Iterator[tuple[int, float]]:
-    while True:
-        try:
-            yield queue.get_nowait()
-        except Empty:
-            return
-
-
-@contextmanager
-def _interruption() -> Iterator[threading.Event]:
-    """Yield an event that the first SIGINT or SIGTERM sets; a second one ends the process in the ordinary way."""
-    stop = threading.Event()
-
-    def note(number: int, frame: FrameType | None) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    try:
-        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    except ValueError:
-        # Not the main thread: whoever called us handles signals.
-        yield stop
+            client.close(timeout=5)
+        _collect(Engine(Means(connected), stop=stop, told=tell).run([work(job) for job in ordered]), by_name, means, told)
         return
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with local_client(means.n_processes) as client:
+        engine = Engine(Means(lambda: client), stop=stop, told=tell)
+        _collect(engine.run([work(job) for job in ordered]), by_name, means, told)
+
+
+def _collect(ended: Iterator[Finished], by_name: Mapping[str, Job], means: _Means, told: Told) -> None:
+    for finished in ended:
+        job = by_name[finished.name]
+        if finished.interrupted is not None:
+            continue
+        record = finished.result
+        if not isinstance(record, JobRecord):
+            # Whoever was to keep a record of it is gone.
+            record = JobRecord(failure=finished.failure or "What the worker sent back is not a record.")
+            means.store.write(job, record)
+        told(Progress(job, 1.0, record))
+
+
+def _files_of(job: Job) -> list[str]:
+    case = job.case
+    return [str(Path(path).absolute()) for path in (case.damaged, None if case.is_shape else case.truth) if path is not None]
+
+
+def _with_full_paths(job: Job) -> Job:
+    """Return the same job for a process in another folder."""
+    case = job.case
+    damaged = None if case.damaged is None else str(Path(case.damaged).absolute())
+    truth = case.truth if case.is_shape else str(Path(case.truth).absolute())
+    return replace(job, case=replace(case, damaged=damaged, truth=truth))

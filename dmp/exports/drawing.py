@@ -26,6 +26,8 @@ _CANNOT_DRAW = (
     "(on Debian and Ubuntu: apt install libgl1 libegl1), or export the mesh and draw it elsewhere."
 )
 _COPIED_BYTES = 1 << 20
+# All frames of a GIF are in memory when it is written, a byte for each pixel.
+_MOST_GIF_PIXELS = 500_000_000
 
 
 class DrawingError(DmpError):
@@ -62,6 +64,11 @@ def drawn(sheet: Sheet, frames: Iterable[Frame], n_frames: int, watch: Watch) ->
                 f"A picture of {sheet.width} x {sheet.height} pixels cannot be drawn: both sides must be {SMALLEST_SIDE} to "
                 f"{LARGEST_SIDE:,} pixels."
             )
+    if sheet.kind == "gif" and n_frames * sheet.width * sheet.height > _MOST_GIF_PIXELS:
+        raise DrawingError(
+            f"A GIF of {n_frames:,} frames of {sheet.width} x {sheet.height} pixels would fill the memory. Choose a smaller "
+            "size, a shorter time or fewer frames per second, or MP4."
+        )
     try:
         with tempfile.TemporaryDirectory(prefix="dmp-drawing-", ignore_cleanup_errors=True) as name:
             yield _draw_into(Path(name), sheet, frames, n_frames, watch)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -59,27 +59,34 @@ class GifFile:
     """All pictures become one GIF that repeats for ever."""
 
     def __init__(self, folder: Path, sheet: Sheet) -> None:
-        self._path = folder / "animation.gif"
-        self._sheet = sheet
-        self._frames: list[Image.Image] = []
+        self._folder, self._sheet = folder, sheet
+        # Waiting for the colours that suit all of them, they take less room on the disk than in memory.
+        self._frames: list[Path] = []
 
     def add(self, picture: Image.Image) -> None:
         """Take the next one."""
-        self._frames.append(picture.convert("RGB"))
+        path = self._folder / f"frame{len(self._frames):06d}.png"
+        picture.convert("RGB").save(path, compress_level=1)
+        self._frames.append(path)
 
     def finish(self) -> list[Path]:
         """Reduce the colours and write the file."""
-        frames, sheet = self._frames, self._sheet
-        palette = _shared_palette(frames)
-        reduced = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+        sheet, path = self._sheet, self._folder / "animation.gif"
+        palette = _shared_palette(self._frames)
+
+        def reduced() -> Iterator[Image.Image]:
+            for frame in self._frames:
+                with Image.open(frame) as picture:
+                    yield picture.quantize(palette=palette, dither=Image.Dither.NONE)
+
         # GIF counts in hundredths of a second, and browsers slow down below two.
         each = max(2, round(_GIF_HUNDREDTHS / sheet.frames_per_second))
-        durations = [10 * each] * len(reduced)
+        durations = [10 * each] * len(self._frames)
         durations[-1] += round(1000 * sheet.hold_seconds)
-        reduced[0].save(
-            self._path, save_all=True, append_images=reduced[1:], duration=durations, loop=0, optimize=False, disposal=1
-        )
-        return [self._path]
+        pictures = reduced()
+        first = next(pictures)
+        first.save(path, save_all=True, append_images=pictures, duration=durations, loop=0, optimize=False, disposal=1)
+        return [path]
 
 
 class Mp4File:
@@ -146,12 +153,16 @@ def find_ffmpeg() -> str | None:
         return shutil.which("ffmpeg")
 
 
-def _shared_palette(frames: Sequence[Image.Image]) -> Image.Image:
+def _shared_palette(frames: Sequence[Path]) -> Image.Image:
     """Return a picture with the 256 colours that suit all frames best."""
     chosen = [frames[index] for index in np.unique(np.linspace(0, len(frames) - 1, _SAMPLES).round().astype(int))]
-    width = min(chosen[0].width, 640)
-    height = round(chosen[0].height * width / chosen[0].width)
-    joined = Image.new("RGB", (width, height * len(chosen)))
-    for number, frame in enumerate(chosen):
-        joined.paste(frame.resize((width, height), Image.Resampling.NEAREST), (0, number * height))
+    samples = []
+    for path in chosen:
+        with Image.open(path) as frame:
+            width = min(frame.width, 640)
+            samples.append(frame.resize((width, round(frame.height * width / frame.width)), Image.Resampling.NEAREST))
+    width, height = samples[0].size
+    joined = Image.new("RGB", (width, height * len(samples)))
+    for number, sample in enumerate(samples):
+        joined.paste(sample, (0, number * height))
     return joined.quantize(256, method=Image.Quantize.MEDIANCUT, kmeans=1)

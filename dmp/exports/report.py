@@ -35,7 +35,8 @@ _PICTURE_WIDTH, _PANE_HEIGHT = 2100, 680
 _PARTS = 4
 _TASKS = {"denoise": "Denoising", "complete": "Hole filling and completion"}
 _PRESET_NAMES = {
-    "best": "Best result", "compact": "Compact (Deep Mesh Prior)", "paper": "Deep Mesh Prior as in the paper",
+    "best": "Best result", "compact": "Compact (Deep Mesh Prior)", "paper": "Paper (Deep Mesh Prior)",
+    "paper-2021-04": "Paper, April 2021 (Deep Mesh Prior)",
 }  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 import torch
+from scipy import sparse
 from torch import Tensor, nn
 
 from dmp.layers.chebyshev import ChebyshevConvolution
@@ -14,7 +15,7 @@ from dmp.layers.gcn import GraphConvolution
 from dmp.layers.mixture import MixtureConvolution, MixtureGraph
 from dmp.layers.pseudo_coordinates import N_SHAPE_COORDINATES, N_VALENCE_COORDINATES, shape_coordinates, valence_coordinates
 from dmp.mesh import FloatArray, IntArray
-from dmp.operators import normalised_adjacency, scaled_laplacian, to_torch
+from dmp.operators import normalised_with_loops, scaled_laplacian, to_torch
 from dmp.settings import Settings
 from dmp.topology import adjacency
 
@@ -36,7 +37,13 @@ def convolution_maker(settings: Settings) -> MakeConvolution:
     return GraphConvolution
 
 
-def graph_for(settings: Settings, faces: IntArray, base: FloatArray, device: torch.device | str = "cpu") -> Graph:
+def graph_for(
+    settings: Settings,
+    faces: IntArray,
+    base: FloatArray,
+    device: torch.device | str = "cpu",
+    neighbours: sparse.csr_array | None = None,
+) -> Graph:
     """Return what the layers of :func:`convolution_maker` take beside the features.
 
     Args:
@@ -44,12 +51,14 @@ def graph_for(settings: Settings, faces: IntArray, base: FloatArray, device: tor
         faces: (F, 3).
         base: smoothed positions, (V, 3); only the geometric mixture looks at them.
         device: where to put it.
+        neighbours: adjacency of the mesh, (V, V), where it is at hand.
     """
     n_vertices = len(base)
+    neighbours = adjacency(faces, n_vertices) if neighbours is None else neighbours
     if settings.convolution == "gcn":
-        return to_torch(normalised_adjacency(faces, n_vertices), device)
+        return to_torch(normalised_with_loops(neighbours), device)
     if settings.convolution == "chebyshev":
         return to_torch(scaled_laplacian(faces, n_vertices), device)
     sees_shape = settings.convolution == "gmm-geometric"
     coordinates = shape_coordinates(base, faces) if sees_shape else valence_coordinates(faces, n_vertices)
-    return MixtureGraph.of(adjacency(faces, n_vertices), coordinates, device)
+    return MixtureGraph.of(neighbours, coordinates, device)

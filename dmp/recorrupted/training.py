@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from dmp.errors import SettingsError, TrainingError
 from dmp.geometry import face_area_vectors, normalised
@@ -30,7 +31,7 @@ from dmp.recorrupted.noise_model import (
 )
 from dmp.recorrupted.outliers import find_outliers, replaced
 from dmp.recorrupted.patches import Patch, patches, whole
-from dmp.recorrupted.products import area_vectors
+from dmp.recorrupted.products import Incidence, area_vectors, gather_corners
 from dmp.settings import Settings
 from dmp.training import Training
 
@@ -48,6 +49,9 @@ _CAUTION = 0.98
 _TRIMMED = 0.9866
 # The noise that is added is at least this share as strong across the normal as along it.
 _LEAST_TANGENTIAL = 0.5
+# Where the noise is mostly along the normal, movements across it are kept by the tangential share of the noise times this: the
+# network makes more of them, because its draws do.
+_TANGENTIAL_KEPT = 1.5
 _LARGEST_GRADIENT = 2.0
 # Of noise, in edge lengths; what a checkpoint says must be possible.
 _LARGEST_LEVEL = 1e3
@@ -304,6 +308,9 @@ class RecorruptedTraining(Training):
         self._losses = {**self._losses, **self._look_at_held_out()}
         before = self._whole.positions
         after = self._average(before, self._whole.operators, self._level)
+        share = min(1.0, _TANGENTIAL_KEPT * self.noise.tangential)
+        if share < 1:
+            after = _mostly_along_normals(before, after, self._whole.operators.incidence, share)
         return torch.lerp(before, after, self._trust) * self._scale
 
     def _weights(self) -> dict[str, Any]:
@@ -357,6 +364,15 @@ def _with_settings(noise: NoiseModel, settings: Settings) -> NoiseModel:
         noise.tangential if settings.noise_tangential < 0 else settings.noise_tangential,
         noise.normals,
     )
+
+
+def _mostly_along_normals(before: Tensor, after: Tensor, incidence: Incidence, share: float) -> Tensor:
+    """Return ``after`` with the part of the movement that is across its own vertex normals multiplied by ``share``."""
+    areas = area_vectors(gather_corners(after, incidence))
+    normals = functional.normalize(incidence.corner_sum @ areas.repeat(3, 1), dim=1)
+    movement = after - before
+    along = (movement * normals).sum(dim=1, keepdim=True) * normals
+    return before + along + share * (movement - along)
 
 
 def _normal_errors(output: Tensor, target: Tensor, piece: _Piece, chosen: Tensor | None) -> Tensor:

@@ -92,6 +92,7 @@ class Page(QWidget):
         for value, text in entries:
             box.addItem(text, value)
         box.currentIndexChanged.connect(lambda _index: self.changed.emit())
+        box.activated.connect(lambda _index: box.setProperty("chosen", True))
         self.form.addRow(name, box)
         return box
 
@@ -105,15 +106,15 @@ class Page(QWidget):
 
 
 def _fill_steps(box: QComboBox, offer: Offer) -> None:
-    """Offer the kept and the shown step."""
-    before = box.currentData()
+    """Offer the kept step, which is the result unless somebody chooses the other, and the shown one."""
+    wants_shown = box.currentIndex() == box.count() - 1 and bool(box.property("chosen"))
     box.blockSignals(True)
     box.clear()
     if offer.kept_step is not None:
         box.addItem(f"The kept step, {offer.kept_step:,}", offer.kept_step)
     if offer.shown_step is not None and offer.shown_step != offer.kept_step:
         box.addItem(f"The shown step, {offer.shown_step:,}", offer.shown_step)
-    box.setCurrentIndex(max(0, box.findData(before)))
+    box.setCurrentIndex(box.count() - 1 if wants_shown else 0)
     box.blockSignals(False)
 
 

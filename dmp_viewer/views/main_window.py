@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from qtpy.QtCore import QByteArray, QEvent, QObject, QSize, Qt, Signal
+from qtpy.QtCore import QByteArray, QEvent, QObject, QPoint, QSize, Qt, Signal
 from qtpy.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QKeyEvent
 from qtpy.QtWidgets import (
     QAbstractButton,
@@ -134,8 +134,9 @@ class MainWindow(QMainWindow):
         """Say who comes first, ``smooth`` for the window or ``fast`` for the training."""
         action = self.named_actions[f"pace_{pace}"]
         action.setChecked(True)
-        self._pace.setText(action.text().replace("&", ""))
-        self._pace.setAccessibleName(f"Pace: {self._pace.text()}")
+        text = action.text().replace("&", "")
+        self._pace.setText(f"{text} ▾")
+        self._pace.setAccessibleName(f"Pace: {text}")
 
     def set_facts(self, text: str) -> None:
         """Say at the right of the status bar what is open."""
@@ -273,9 +274,8 @@ class MainWindow(QMainWindow):
         self._pace = QToolButton()
         self._pace.setAutoRaise(True)
         self._pace.setFocusPolicy(Qt.FocusPolicy.TabFocus)
-        self._pace.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self._pace.setToolTip("Who comes first while a training runs: the window or the training")
-        self._pace.setMenu(self._menus["run/P&ace"])
+        self._pace.clicked.connect(lambda: self._menus["run/P&ace"].popup(self._pace.mapToGlobal(QPoint(0, 0))))
         for widget in (self._progress, self._pace, self._facts):
             self.statusBar().addPermanentWidget(widget)
         self.statusBar().setSizeGripEnabled(False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from qtpy.QtCore import QSize, Qt, Signal
+from qtpy.QtCore import QSize, Qt, QTimer, Signal
 from qtpy.QtGui import QAction, QColor, QKeyEvent, QPalette
 from qtpy.QtWidgets import (
     QAbstractItemView,
@@ -41,7 +41,8 @@ class _Rows(QListWidget):
         self.setSpacing(1)
         self.setTextElideMode(Qt.TextElideMode.ElideRight)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.model().rowsMoved.connect(lambda *_: self.moved.emit())
+        # With the next turn: rows must not be made anew while Qt is still moving one.
+        self.model().rowsMoved.connect(lambda *_: QTimer.singleShot(0, self.moved.emit))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Delete takes the chosen one out."""

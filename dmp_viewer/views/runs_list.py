@@ -212,6 +212,7 @@ class RunsList(QListView):
     def set_rows(self, rows: Sequence[RunRow]) -> None:
         """Show these rows; what was chosen stays chosen where it is still there."""
         chosen, place = {row.folder for row in self.chosen()}, self.verticalScrollBar().value()
+        current = self.currentIndex().row()
         self._model.set_rows(rows)
         model = self.selectionModel()
         if chosen and not model.hasSelection():
@@ -219,6 +220,10 @@ class RunsList(QListView):
                 if row.folder in chosen:
                     model.setCurrentIndex(self._model.index(index), QItemSelectionModel.SelectionFlag.Select)
             self.verticalScrollBar().setValue(place)
+        if rows and current >= 0 and not self.currentIndex().isValid():
+            # The keys go on from where they were, without choosing anything.
+            beside = self._model.index(min(current, len(rows) - 1))
+            model.setCurrentIndex(beside, QItemSelectionModel.SelectionFlag.NoUpdate)
         self.chosenChanged.emit()
 
     def rows(self) -> list[RunRow]:

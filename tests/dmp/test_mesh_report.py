@@ -14,6 +14,7 @@ from dmp.mesh import TriangleMesh
 from dmp.mesh_info import describe_mesh, description_text
 from dmp.mesh_report import Finding, flat_faces, mesh_report
 from dmp.orientation import orientation, sorted_corners
+from dmp.topology import unique_edges
 from tests import odd_meshes
 from tests.meshes import grid_mesh, sphere_mesh
 from tests.odd_meshes import ODD_MESHES
@@ -50,6 +51,19 @@ def found(mesh: TriangleMesh) -> dict[str, Finding]:
 @pytest.mark.parametrize("name", ODD_MESHES)
 def test_each_fault_is_found_and_nothing_else(name: str) -> None:
     assert {kind: finding.count for kind, finding in found(ODD_MESHES[name]()).items()} == EXPECTED[name]
+
+
+def test_a_place_that_even_double_precision_has_rounded_is_a_warning() -> None:
+    ball = ODD_MESHES["a ball"]()
+    far = ball.with_vertices(ball.vertices + 1e14)
+    (finding,) = mesh_report(far)
+    assert (finding.kind, finding.severity) == ("far from the origin", "warning")
+    edges = unique_edges(ball.faces)
+    length = np.linalg.norm(far.vertices[edges[:, 0]] - far.vertices[edges[:, 1]], axis=1).mean()
+    # Numbers between 2^46 and 2^47 are 2^-6 apart.
+    assert f"places that are {2.0**-6 / length:.2g} edge lengths apart" in finding.meaning
+    (finding,) = mesh_report(ball.with_vertices(ball.vertices + 1e7))
+    assert (finding.kind, finding.severity) == ("far from the origin", "note")
 
 
 @pytest.mark.parametrize("name", ODD_MESHES)

@@ -279,6 +279,8 @@ def mesh_with(scale: float, offset: float) -> TriangleMesh:
         (mesh_with(1e308, 0), "the coordinates are absurd"),
         (mesh_with(1e13, 0), "the coordinates are absurd: they reach 1e+13"),
         (mesh_with(1e-30, 0), "only 3.46e-30 units large|units large"),
+        (mesh_with(1e-200, 0), "units large"),
+        (mesh_with(1, 1e15), "units away from the origin, where even double precision cannot hold its shape"),
         (mesh_with(0, 7), "all vertices lie in one point"),
         (TriangleMesh(np.eye(3), [[0, 0, 0], [1, 1, 2]]), "no face has three different corners"),
         (TriangleMesh(np.outer(np.arange(4.0), [1, 2, 3]), [[0, 1, 2], [1, 2, 3]]), "2 of 2 faces have no area"),

@@ -73,6 +73,26 @@ def test_a_polygon_may_be_split_in_any_way_that_keeps_its_outline() -> None:
         assert not same_mesh(points, np.array(faces), points, [[0, 1, 2, 3]])
 
 
+def test_a_polygon_that_comes_back_to_its_corners_may_fold_up_to_nothing() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    # There and back again: the same corners in the other direction cancel out, and leave one triangle of a square.
+    folded, square = [0, 1, 3, 1], [0, 1, 2, 3]
+    assert same_mesh(points, np.array([[0, 1, 2], [0, 2, 3]]), points, [folded, square])
+    # Where nothing else has the corner, it is in no face and left out.
+    assert same_mesh(points[:3], np.array([[0, 1, 2]]), points, [folded, [0, 1, 2]])
+    assert not same_mesh(points[:3], np.array([[0, 1, 2]]), points, [square, [0, 1, 2]])
+
+
+def test_the_plain_reader_takes_base64_text_with_line_breaks_in_it() -> None:
+    good = ALL_SAMPLES["inline.vtp"]
+    array = good.index(b'format="binary"')
+    start = good.index(b">", array) + 1
+    while good[start : start + 1].isspace():
+        start += 1
+    broken_up = good[: start + 3] + b"\n" + good[start + 3 :]
+    assert read_plainly(broken_up) == read_plainly(good)
+
+
 def test_injuries_repeat_with_their_seed_and_differ_without() -> None:
     first, again, other = (injure("written.ply", ALL_SAMPLES["written.ply"], seed, 7) for seed in (1, 1, 2))
     assert first == again != other

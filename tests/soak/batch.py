@@ -34,7 +34,7 @@ FULL_SIZE = 200
 KILL_EVERY_SECONDS = 20.0
 MOST_KILLS = 10**9
 _NAME = "batch jobs with killed workers"
-STEPS = 1000
+STEPS = 300
 
 
 def run(size: int, seed: int) -> Result:

@@ -38,9 +38,9 @@ def run(size: int, seed: int) -> Result:
     rounds = [line for line in told if "faults" in line]
     measured = [line for line in rounds if "memory" in line]
     failures = [f"round {line['round']}: {text}" for line in rounds for text in line["faults"]]
-    grown = _grown(measured)
-    failures += [*grown, *([wrong] if wrong else [])]
-    held = max(0, sum(not line["faults"] for line in rounds) - len(grown))
+    piled_up = grown(measured)
+    failures += [*piled_up, *([wrong] if wrong else [])]
+    held = max(0, sum(not line["faults"] for line in rounds) - len(piled_up))
     if measured:
         first, last = measured[len(measured) // 10], measured[-1]
         seen = (f"{what} {first[what]:.0f} after a tenth and {last[what]:.0f} at the end" for what in ("memory", *_MOST_MORE))
@@ -48,7 +48,7 @@ def run(size: int, seed: int) -> Result:
     return Result(name, held, size, tuple(failures))
 
 
-def _grown(measured: list[dict[str, Any]]) -> list[str]:
+def grown(measured: list[dict[str, Any]]) -> list[str]:
     """Return what has grown from the second tenth of the measurements to the last one."""
     if len(measured) < 3:
         return []

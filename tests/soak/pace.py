@@ -11,6 +11,7 @@ import tempfile
 import time
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,19 @@ def measured(seconds: float, seed: int) -> Result:
     tenths = [line for line in told if "memory" in line]
     if wrong or len(tenths) < 11:
         return Result(name, 0, 10, (wrong or "it ended early",))
+    failures, summary = judged(tenths)
+    return Result(name, 10 - min(10, len(failures)), 10, (*failures, summary))
+
+
+def judged(tenths: list[dict[str, Any]]) -> tuple[list[str], str]:
+    """Tell where a training became slower or took more memory.
+
+    Args:
+        tenths: step, memory, seconds of the processor and faults at the beginning and after each tenth.
+
+    Returns:
+        A sentence for each failure, and one with the numbers.
+    """
     failures = [f"tenth {index}: {text}" for index, line in enumerate(tenths) for text in line["faults"]]
     costs = [
         (after["seconds"] - before["seconds"]) / max(after["step"] - before["step"], 1) for before, after in pairwise(tenths)
@@ -50,8 +64,7 @@ def measured(seconds: float, seed: int) -> Result:
             failures.append(f"tenth {index}: {line['memory']:.0f} MB instead of {memory:.0f}")
     told_costs = ", ".join(f"{1000 * cost:.2f}" for cost in costs)
     told_memory = ", ".join(f"{line['memory']:.0f}" for line in tenths)
-    summary = f"{tenths[-1]['step']:,} steps; ms a step: {told_costs}; MB: {told_memory}"
-    return Result(name, 10 - min(10, len(failures)), 10, (*failures, summary))
+    return failures, f"{tenths[-1]['step']:,} steps; ms a step: {told_costs}; MB: {told_memory}"
 
 
 def main(seconds: float, seed: int, folder: Path) -> None:

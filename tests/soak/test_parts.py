@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from tests.soak import disks, folders, kills, scales
+from tests.soak import clicking, cycles, disks, folders, kills, pace, scales, signals
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs a system that can fork")
 
@@ -44,3 +44,47 @@ def test_disks() -> None:
         pytest.skip(result.details[0])
     assert result.details == ()
     assert result.passed == result.total == 2
+
+
+def test_signals() -> None:
+    """One to a window, one to a command."""
+    result = signals.run(2, seed=1)
+    if not result.total:
+        pytest.skip(result.details[0])
+    assert result.details == ()
+    assert result.passed == result.total == 2
+
+
+def test_cycles() -> None:
+    result = cycles.run(2, seed=1)
+    if not result.total:
+        pytest.skip(result.details[0])
+    assert result.details == ()
+    assert result.passed == result.total == 2
+
+
+def test_what_piles_up_is_found() -> None:
+    even = {"memory": 500.0, "threads": 12.0, "python_threads": 3.0, "files": 11.0, "widgets": 500.0}
+    assert cycles.grown([even] * 20) == []
+    leaking = [{**even, "files": 11.0 + number} for number in range(20)]
+    assert cycles.grown(leaking) == ["files grew from 14 to 30"]
+
+
+def test_clicking() -> None:
+    result = clicking.run(30, seed=1)
+    if not result.total:
+        pytest.skip(result.details[0])
+    assert result.details == ()
+    assert result.passed == result.total == 30
+
+
+def test_a_training_that_slows_down_or_grows_is_found() -> None:
+    def tenths(cost: float, growth: float) -> list[dict[str, object]]:
+        times = [0.01 * 100 * tenth + cost * max(0, tenth - 5) for tenth in range(11)]
+        return [
+            {"step": 100 * tenth, "seconds": times[tenth], "memory": 600 + growth * tenth, "faults": []} for tenth in range(11)
+        ]
+
+    assert pace.judged(tenths(0.1, 5.0))[0] == []
+    assert [failure.partition(":")[0] for failure in pace.judged(tenths(0.2, 0.0))[0]] == [f"tenth {n}" for n in range(5, 10)]
+    assert [failure.partition(":")[0] for failure in pace.judged(tenths(0.0, 10.0))[0]] == ["tenth 7", "tenth 8", "tenth 9"]

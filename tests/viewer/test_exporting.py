@@ -80,22 +80,22 @@ def test_export_everything(
         dialog.choose(page)
         assert "Start a training" in dialog.reason
         assert not dialog.export_button.isEnabled()
-    viewer.window.panel.set_settings(quick_settings())
+    viewer.window.panel.set_settings(quick_settings(steps=15))
     trigger(viewer, "start")
     wait_until_trained(viewer, qtbot)
-    workspace.show_step(20)
-    workspace.keep(20)
-    workspace.show_step(25)
+    workspace.show_step(5)
+    workspace.keep(5)
+    workspace.show_step(10)
     qtbot.wait(120)
 
     dialog = dialog_of(viewer)
-    assert [dialog.mesh.step.itemText(index) for index in range(2)] == ["The kept step, 20", "The shown step, 25"]
+    assert [dialog.mesh.step.itemText(index) for index in range(2)] == ["The kept step, 5", "The shown step, 10"]
     workspace.colors.set(quantity="error")
     qtbot.waitUntil(lambda: dialog.mesh.colors.text() == "Colour the vertices by: error: distance")
     dialog.mesh.colors.setChecked(True)
     export(viewer, qtbot, dialog.mesh)
-    mesh = read_mesh(tmp_path / "scan_step20.ply")
-    kept = workspace.snapshot(20)
+    mesh = read_mesh(tmp_path / "scan_step5.ply")
+    kept = workspace.snapshot(5)
     assert kept is not None
     assert np.allclose(mesh.vertices, kept.vertices)
     assert {"displacement", "displacement_length", "error", "color"} == set(mesh.vertex_attributes)
@@ -105,7 +105,7 @@ def test_export_everything(
     dialog.picture.height_box.setValue(300)
     dialog.picture.ground.setCurrentIndex(dialog.picture.ground.findData("none"))
     export(viewer, qtbot, dialog.picture)
-    with Image.open(tmp_path / "scan_step25.png") as picture:
+    with Image.open(tmp_path / "scan_step10.png") as picture:
         assert (picture.mode, picture.size) == ("RGBA", (600, 300))
         opacity = np.asarray(picture)[..., 3]
     assert opacity[-1, 0] == opacity[150, 1] == 0
@@ -115,11 +115,11 @@ def test_export_everything(
     dialog.animation.width_box.setValue(240)
     dialog.animation.height_box.setValue(120)
     dialog.animation.fps.setValue(4)
-    dialog.animation.seconds.setValue(1.75)
-    assert viewer.exports.offer().steps == (0, 5, 10, 15, 20, 25, 30)
+    dialog.animation.seconds.setValue(1.0)
+    assert viewer.exports.offer().steps == (0, 5, 10, 15)
     export(viewer, qtbot, dialog.animation)
     with Image.open(tmp_path / "scan_steps.gif") as animation:
-        assert (animation.n_frames, animation.size) == (7, (240, 120))
+        assert (animation.n_frames, animation.size) == (4, (240, 120))
 
     export(viewer, qtbot, dialog.curve)
     with (tmp_path / "scan_curve.csv").open() as file:
@@ -131,11 +131,11 @@ def test_export_everything(
 
     export(viewer, qtbot, dialog.report)
     report = (tmp_path / "scan_report.html").read_text()
-    mad = workspace.curve.value_at("mad", 20)
+    mad = workspace.curve.value_at("mad", 5)
     assert f"{mad:.2f}°" in report
-    assert "step 20 of 30, kept by a person" in report
+    assert "step 5 of 15, kept by a person" in report
     assert [proposal.name for _, proposal in answers] == [
-        "scan_step20.ply", "scan_step25.png", "scan_steps.gif", "scan_curve.csv", "scan_curve.svg", "scan_report.html",
+        "scan_step5.ply", "scan_step10.png", "scan_steps.gif", "scan_curve.csv", "scan_curve.svg", "scan_report.html",
     ]  # fmt: skip
     assert window.banners.texts()[-1] == f"The report was saved as {tmp_path / 'scan_report.html'}."
 
@@ -253,15 +253,15 @@ def test_the_dialog_and_the_command_line_write_the_same_mesh(
     viewer: Controller, qtbot: QtBot, mesh_files: tuple[Path, Path], tmp_path: Path
 ) -> None:
     open_files(viewer, *mesh_files)
-    viewer.window.panel.set_settings(quick_settings(steps=10))
+    viewer.window.panel.set_settings(quick_settings(steps=5))
     trigger(viewer, "start")
     wait_until_trained(viewer, qtbot)
-    viewer.exports.export(MeshRequest(10), tmp_path / "window.ply")
+    viewer.exports.export(MeshRequest(5), tmp_path / "window.ply")
     qtbot.waitUntil(lambda: not viewer.exports.is_busy)
     run = viewer.workspace.run
     assert run is not None
     with pytest.raises(SystemExit) as ended:
-        main(["export", str(run.folder), "--step", "10", "-o", str(tmp_path / "command.ply")])
+        main(["export", str(run.folder), "--step", "5", "-o", str(tmp_path / "command.ply")])
     assert ended.value.code == 0
     assert (tmp_path / "window.ply").read_bytes() == (tmp_path / "command.ply").read_bytes()
 

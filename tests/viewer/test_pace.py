@@ -108,10 +108,10 @@ def test_news_come_often_or_once_a_second(qtbot: QtBot, fake_run: FakeRun) -> No
 
 def test_the_choice_is_shown_and_remembered(make_viewer: MakeViewer, tmp_path: Path) -> None:
     viewer = make_viewer()
-    assert viewer.window._pace.text() == "Smooth window"
+    assert viewer.window._pace.text() == "Smooth window ▾"
     trigger(viewer, "pace_fast")
     assert viewer.runner.pace is Pace.FAST
-    assert viewer.window._pace.text() == "Fast training"
+    assert viewer.window._pace.text() == "Fast training ▾"
     assert viewer.window.close()
     again = make_viewer(load(tmp_path / "window.json"))
     assert again.runner.pace is Pace.FAST

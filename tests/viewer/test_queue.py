@@ -7,14 +7,16 @@ from pathlib import Path
 
 import pytest
 from pytestqt.qtbot import QtBot
-from qtpy.QtCore import Qt
+from qtpy.QtCore import QModelIndex, Qt
 
 from dmp.mesh import TriangleMesh
 from dmp.meshio import write_mesh
 from dmp.problem import denoising
 from dmp.runs import Run, list_runs
+from dmp_viewer import queue_control, tasks
 from dmp_viewer.controller import Controller
 from dmp_viewer.queue_model import saved_queue
+from dmp_viewer.runner import Session
 from dmp_viewer.states import RunnerState
 from dmp_viewer.views import dialogs
 from tests.viewer.conftest import quick_settings
@@ -97,9 +99,10 @@ def test_the_order_can_be_changed_and_one_taken_out(opened: Controller, qtbot: Q
     trigger(opened, "queue_down")
     assert waiting(opened) == [first, third, second]
     assert saved_queue(opened.runs.folder) == waiting(opened)
-    # Dragging tells the new order all at once.
-    queue.arranged.emit([second, first, third])
-    assert waiting(opened) == [second, first, third]
+    # What dragging the last row to the top does.
+    assert queue.rows.model().moveRow(QModelIndex(), 2, QModelIndex(), 0)
+    qtbot.waitUntil(lambda: waiting(opened) == [second, first, third])
+    assert queue.folders() == [second, first, third]
     queue.choose(first)
     queue.rows.setFocus()
     qtbot.keyClick(queue.rows, Qt.Key.Key_Delete)
@@ -207,6 +210,22 @@ def test_what_waits_is_asked_about_at_the_end_and_offered_at_the_next_start(
     wait_until_empty(again, qtbot)
     assert [run.state for run in list_runs(again.runs.folder)] == ["finished", "finished"]
     assert saved_queue(again.runs.folder) == []
+
+
+def test_what_waits_is_trained_where_the_panel_says(opened: Controller, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[Path, str]] = []
+
+    def elsewhere(run: Run, address: str) -> Session:
+        asked.append((run.folder, address))
+        return tasks.continue_session(run)
+
+    monkeypatch.setattr(queue_control.remote, "continue_session", elsewhere)
+    monkeypatch.setattr(type(opened.remote), "address", property(lambda _self: "elsewhere:8786"))
+    folder = add(opened)
+    trigger(opened, "queue_go")
+    wait_until_empty(opened, qtbot)
+    assert asked == [(folder, "elsewhere:8786")]
+    assert Run.open(folder).state == "finished"
 
 
 def test_settings_that_cannot_work_leave_no_empty_run(opened: Controller) -> None:

@@ -19,7 +19,14 @@ from tests.remote_server import Cable, served
 from tests.viewer.conftest import quick_settings
 from tests.viewer.driving import MakeViewer, open_files, trigger, wait_until_trained
 
+# On a machine that is busy with other things everything takes its time.
+PATIENCE = 120_000
 LONG = {"steps": 4000, "snapshot_every": 20, "log_every": 5, "width_divisor": 32}
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dmp.batch.cluster._CONNECT_SECONDS", 60.0)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +64,7 @@ def test_start_watch_scrub_break_reconnect_keep_save(
     window.panel.set_settings(quick_settings(**LONG))
     window.panel.place.set_address(f"127.0.0.1:{cable.port}")
     trigger(viewer, "start")
-    qtbot.waitUntil(lambda: len(workspace.snapshot_steps) >= 4, timeout=60_000)
+    qtbot.waitUntil(lambda: len(workspace.snapshot_steps) >= 4, timeout=PATIENCE)
     assert workspace.device == f"tcp://127.0.0.1:{cable.port}"
     assert viewer.preferences.servers == [f"tcp://127.0.0.1:{cable.port}"]
     [over_there] = server[1].iterdir()
@@ -74,16 +81,17 @@ def test_start_watch_scrub_break_reconnect_keep_save(
     assert workspace.shown_step == 20
     assert not workspace.follow_latest
     trigger(viewer, "resume")
+    qtbot.waitUntil(lambda: workspace.current_step > paused_at, timeout=PATIENCE)
 
     cable.cut()
-    qtbot.waitUntil(lambda: any("is lost" in text for text in window.banners.texts()), timeout=60_000)
+    qtbot.waitUntil(lambda: any("is lost" in text for text in window.banners.texts()), timeout=PATIENCE)
     before = workspace.current_step
     # Over there it goes on; here what has arrived can be looked at.
-    qtbot.waitUntil(lambda: Run.open(over_there).last_step > before + 40, timeout=60_000)
+    qtbot.waitUntil(lambda: Run.open(over_there).last_step > before + 40, timeout=PATIENCE)
     trigger(viewer, "next_step")
     assert workspace.shown_step == 40
     cable.mend()
-    qtbot.waitUntil(lambda: workspace.current_step > before + 40, timeout=60_000)
+    qtbot.waitUntil(lambda: workspace.current_step > before + 40, timeout=PATIENCE)
     assert any("is there again" in text for text in window.banners.texts())
 
     trigger(viewer, "keep")
@@ -112,7 +120,7 @@ def test_a_closed_window_finds_its_run_again(
     viewer.window.panel.set_settings(quick_settings(**{**LONG, "steps": 600}))
     viewer.window.panel.place.set_address(f"127.0.0.1:{server[0]}")
     trigger(viewer, "start")
-    qtbot.waitUntil(lambda: len(viewer.workspace.snapshot_steps) >= 2, timeout=60_000)
+    qtbot.waitUntil(lambda: len(viewer.workspace.snapshot_steps) >= 2, timeout=PATIENCE)
     folder = run_of(viewer).folder
     assert viewer.window.close()
     assert read_link(folder) is not None

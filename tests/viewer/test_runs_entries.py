@@ -37,12 +37,12 @@ def _train(run: Run, until: int | None = None) -> None:
 def test_a_run_is_told_from_its_first_day_to_its_last(run: Run) -> None:
     row = row_of(run)
     assert (row.title, row.mesh, row.state, row.size) == ("scan", "scan.ply", "waiting", (258, 512))
-    assert row.state_text == "Not begun, 4 steps to go"
+    assert row.state_text == "Not begun, 4 steps"
     assert row.can_be_continued
     assert row.pictured_step is None
     _train(run, until=2)
     row = row_of(Run.open(run.folder))
-    assert row.state_text == "Stopped at 2 of 4 steps"
+    assert row.state_text == "Stopped at 2 of 4"
     assert row.pictured_step == 2
     _train(Run.open(run.folder))
     done = Run.open(run.folder)
@@ -108,5 +108,5 @@ def test_a_date_is_as_short_as_it_can_be(created: str, told: str) -> None:
 def test_a_row_says_everything_about_its_run() -> None:
     row = RunRow(Path("/r"), "id", "name", "m.ply", "short", "", "failed", 3, 9, None, "2026-01-02T03:04:05", (5, 6))
     assert replace(row, reason="It broke.").details.splitlines() == [
-        "name", "m.ply", "short", "Failed at 3 of 9 steps", "5 vertices, 6 faces", "Made 2026-01-02 03:04", "It broke.", "/r",
+        "name", "m.ply", "short", "Failed at 3 of 9", "5 vertices, 6 faces", "Made 2026-01-02 03:04", "It broke.", "/r",
     ]  # fmt: skip

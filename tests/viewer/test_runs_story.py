@@ -89,7 +89,7 @@ def test_a_day_with_runs(make_viewer: MakeViewer, qtbot: QtBot, tmp_path: Path, 
     settle(viewer)
     rows = {row.folder: row for row in window.runs.list.rows()}
     assert rows[first.folder].state_text == "Finished, 20 steps  ·  kept 10"
-    assert rows[second.folder].state_text == f"Stopped at {reached:,} of 3,000 steps"
+    assert rows[second.folder].state_text == f"Stopped at {reached:,} of 3,000"
     assert "Seed 7" in rows[second.folder].about_text
     choose(viewer, first.folder)
     window.runs.list.setFocus()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dmp.batch.cluster import ClusterError, full_address
-from dmp.batch.remote import Link, RemoteTraining, read_link
+from dmp.batch.remote import Link, RemoteTraining, reach, read_link
 from dmp.batch.versions import compare, versions_here
 from dmp.problem import denoising
 from dmp.runs import Run, record
@@ -44,7 +44,10 @@ def make_run(folder: Path, settings: Settings) -> Run:
 
 def remote(folder: Path, settings: Settings, port: int) -> RemoteTraining:
     made = make_run(folder, settings)
-    return RemoteTraining(Run.open(made.folder), Link(f"tcp://127.0.0.1:{port}", "ball"))
+    link = Link(f"tcp://127.0.0.1:{port}", "ball")
+    client, remarks = reach(link)
+    assert remarks == ()
+    return RemoteTraining(Run.open(made.folder), link, client)
 
 
 def settings(**changes: object) -> Settings:
@@ -61,7 +64,6 @@ def assert_same(copy: Run, direct: Run) -> None:
 
 def test_a_remote_training_arrives_like_one_here(server: tuple[int, Path], tmp_path: Path) -> None:
     training = remote(tmp_path / "copy", settings(), server[0])
-    assert training.connect() == ()
     training.begin()
     assert read_link(tmp_path / "copy") == training.link
     arrived = [item for item in training.records() if item.metrics]
@@ -85,7 +87,6 @@ def test_a_remote_training_arrives_like_one_here(server: tuple[int, Path], tmp_p
 
 def test_pause_resume_and_stop_act_over_there(server: tuple[int, Path], tmp_path: Path) -> None:
     training = remote(tmp_path / "copy", settings(steps=100_000, snapshot_every=50), server[0])
-    training.connect()
     training.begin()
     with closing(training.records()) as records:  # type: ignore[type-var]
         watch_until(records, lambda item: item.step > 20)
@@ -111,7 +112,6 @@ def test_pause_resume_and_stop_act_over_there(server: tuple[int, Path], tmp_path
 
 def test_a_broken_connection_leaves_the_training_alone(server: tuple[int, Path], cable: Cable, tmp_path: Path) -> None:
     training = remote(tmp_path / "copy", settings(steps=600), cable.port)
-    training.connect()
     training.begin()
     with closing(training.records()) as records:  # type: ignore[type-var]
         watch_until(records, lambda item: item.step >= 20)
@@ -129,7 +129,6 @@ def test_a_broken_connection_leaves_the_training_alone(server: tuple[int, Path],
 
 def test_a_run_that_was_left_is_found_again(server: tuple[int, Path], tmp_path: Path) -> None:
     training = remote(tmp_path / "copy", settings(steps=1000, snapshot_every=50), server[0])
-    training.connect()
     training.begin()
     with closing(training.records()) as records:  # type: ignore[type-var]
         watch_until(records, lambda item: item.step >= 50)
@@ -138,8 +137,7 @@ def test_a_run_that_was_left_is_found_again(server: tuple[int, Path], tmp_path: 
     assert copy.last_step >= 50
     link = read_link(copy.folder)
     assert link is not None
-    again = RemoteTraining(copy, link)
-    again.connect()
+    again = RemoteTraining(copy, link, reach(link)[0])
     again.attach()
     steps = [item.step for item in again.records() if item.metrics]
     # Nothing comes twice, and nothing is missing.
@@ -148,11 +146,10 @@ def test_a_run_that_was_left_is_found_again(server: tuple[int, Path], tmp_path: 
     assert [row["step"] for row in Run.open(copy.folder).curve()] == [0, 1, *range(5, 1001, 5)]
 
 
-def test_nobody_at_the_address_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_at_the_address_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dmp.batch.cluster._CONNECT_SECONDS", 0.5)
-    training = remote(tmp_path / "copy", settings(), 9)
     with pytest.raises(ClusterError, match="cannot be reached"):
-        training.connect()
+        reach(Link("tcp://127.0.0.1:9", "ball"))
 
 
 @pytest.mark.parametrize(

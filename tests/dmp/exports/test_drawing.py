@@ -51,6 +51,11 @@ def test_a_gif_has_every_frame_its_speed_and_its_rest(tmp_path: Path) -> None:
         assert np.abs(frame - np.asarray(moving_square(index)).astype(int)).max() < 12
 
 
+def test_a_gif_that_would_fill_the_memory_is_refused_before_anything_is_drawn(tmp_path: Path) -> None:
+    with pytest.raises(DrawingError, match=r"2,000 frames of 1920 x 1080.*or MP4"):
+        write_drawing(tmp_path / "a.gif", Sheet(1920, 1080, (), kind="gif"), iter(()), 2000)
+
+
 def fake_ffmpeg(folder: Path, code: str) -> Path:
     program = folder / "ffmpeg"
     program.write_text(f"#!{sys.executable}\nimport sys\ncontent = sys.stdin.buffer.read()\n{code}\n")

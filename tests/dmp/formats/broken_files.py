@@ -337,6 +337,20 @@ def _found() -> Iterator[Broken]:
         "version_5_binary.vtk",
     )
     yield "found_zero_end.vtk", ALL_SAMPLES["version_5_binary.vtk"][:-2] + bytes(2), "told", "version_5_binary.vtk"
+    # A place so far away that nothing of the shape is left, which joined its vertices.
+    for distance in (1e17, 1e300):
+        far = simple_gltf(SMALL.vertices, SMALL.faces)
+        far.document["nodes"][0]["translation"] = [distance, 0, 0]
+        yield f"found_far_place_{distance:g}.glb", far.glb(), "refused", ""
+    # What stands beside data that are required to be unpacked is not what they hold.
+    draco = "KHR_draco_mesh_compression"
+    packed = simple_gltf(SMALL.vertices, SMALL.faces)
+    packed.document |= {"extensionsUsed": [draco], "extensionsRequired": [draco]}
+    packed.document["meshes"][0]["primitives"][0]["extensions"] = {draco: {"bufferView": 0, "attributes": {"POSITION": 0}}}
+    yield "found_required_draco.glb", packed.glb(), "refused", ""
+    lost = simple_gltf(SMALL.vertices, SMALL.faces)
+    lost.document["nodes"] = []
+    yield "found_nodes_lost.glb", lost.glb(), "refused", ""
     obj = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nv 0 0 1\nv 1 0 1\nv 0 1 1\nl 1 2"
     yield "found_cut_after_line.obj", obj, "told", ""
     soup = SMALL.vertices[SMALL.faces]

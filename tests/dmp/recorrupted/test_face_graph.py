@@ -53,6 +53,16 @@ def test_sheets_that_cross_in_an_edge_are_joined_straight_on() -> None:
     assert (graph.signs[0] == 1).all()
 
 
+def test_between_faces_at_the_same_place_their_order_decides_and_not_the_last_digit() -> None:
+    ball = sphere_mesh(1)
+    faces = np.vstack([ball.faces, ball.faces[:5], ball.faces[5:8, ::-1]])
+    normals = face_normals(ball.vertices, faces)
+    expected = face_graph(faces, normals)
+    for seed in range(20):
+        rounding = 1e-15 * np.random.default_rng(seed).standard_normal(normals.shape)
+        assert np.array_equal(face_graph(faces, normals + rounding).neighbours, expected.neighbours)
+
+
 def test_an_odd_face_at_an_edge_stays_alone() -> None:
     vertices = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0], [-1, 0.1, 0], [0, 1, 0]], dtype=float)
     graph = _graph(TriangleMesh(vertices, np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])))

@@ -214,3 +214,46 @@ def test_the_level_is_corrected_by_what_the_shape_adds() -> None:
 
 def _edge_length(mesh: TriangleMesh) -> float:
     return mean_edge_length(mesh.vertices, unique_edges(mesh.faces))
+
+
+def test_noise_along_the_normal_leaves_vertices_in_their_tangential_places() -> None:
+    mesh = sphere_mesh(4)
+    normals = mesh.vertices / np.linalg.norm(mesh.vertices, axis=1, keepdims=True)
+    heights = 0.2 * _edge_length(mesh) * np.random.default_rng(2).standard_normal((mesh.n_vertices, 1))
+    noisy = mesh.with_vertices(mesh.vertices + heights * normals)
+
+    def across(tangential: float) -> float:
+        movement = _result(_training(noisy, steps=20, snapshot_every=20, noise_tangential=tangential)) - noisy.vertices
+        return float(np.linalg.norm(movement - (movement * normals).sum(axis=1, keepdims=True) * normals, axis=1).mean())
+
+    assert across(0.0) < 0.1 * across(1.0)
+
+
+def test_a_look_out_of_turn_changes_nothing() -> None:
+    mesh = sphere_mesh(5)
+    noisy = _noisy(mesh, 0.2 * _edge_length(mesh))
+    small = {"steps": 4, "snapshot_every": 2, "log_every": 2, "hold_out": 0.2}
+    quiet, looked_at = _training(noisy, **small), _training(noisy, **small)
+    expected = [record.metrics for record in quiet.steps()]
+    found = []
+    for record in looked_at.steps():
+        found.append(record.metrics)
+        looked_at.current()
+    for row in (expected[2], expected[4]):
+        assert {"held_out_risk", "held_out_excess", "held_out_lowest_step"} <= set(row)
+    assert found == expected
+
+
+def test_what_was_held_out_is_kept_with_the_state() -> None:
+    mesh = sphere_mesh(5)
+    noisy = _noisy(mesh, 0.2 * _edge_length(mesh))
+    small = {"steps": 6, "snapshot_every": 2, "log_every": 2, "hold_out": 0.2}
+    expected = [record.metrics for record in _training(noisy, **small).steps()]
+    first = _training(noisy, **small)
+    next(record for record in first.steps() if record.step == 3)
+    second = _training(noisy, **small)
+    second.load_state(first.state())
+    assert [record.metrics for record in second.steps()] == expected[4:]
+    other = _training(noisy, **{**small, "hold_out": 0.0})
+    with pytest.raises(TrainingError):
+        other.load_state(first.state())

@@ -1,0 +1,86 @@
+"""Adam, without what torch's own class brings along."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+_BETAS, _EPSILON = (0.9, 0.999), 1e-8
+
+
+class Adam:
+    """Adam (Kingma & Ba 2015) with the usual decays 0.9 and 0.999: same arithmetic and same states as ``torch.optim.Adam``.
+
+    The first optimiser of torch's own that a process makes loads 800 modules of its compiler, which was measured to take
+    1.4 seconds; nothing here is ever compiled.
+
+    Attributes:
+        param_groups: one, whose ``lr`` may be changed between steps.
+    """
+
+    def __init__(self, parameters: Iterable[nn.Parameter], lr: float) -> None:
+        self._parameters = list(parameters)
+        self._moments: dict[int, dict[str, Tensor]] = {}
+        self.param_groups: list[dict[str, Any]] = [{"lr": lr, "params": list(range(len(self._parameters)))}]
+
+    def zero_grad(self, set_to_none: bool = True) -> None:
+        """Forget the gradients."""
+        for parameter in self._parameters:
+            if set_to_none:
+                parameter.grad = None
+            elif parameter.grad is not None:
+                parameter.grad.zero_()
+
+    @torch.no_grad()
+    def step(self) -> None:
+        """Update the parameters that have a gradient."""
+        gradients = {number: p.grad for number, p in enumerate(self._parameters) if p.grad is not None}
+        if not gradients:
+            return
+        for number in gradients:
+            if number not in self._moments:
+                parameter = self._parameters[number]
+                self._moments[number] = {
+                    "step": torch.zeros((), device=parameter.device),
+                    "exp_avg": torch.zeros_like(parameter),
+                    "exp_avg_sq": torch.zeros_like(parameter),
+                }
+        moments = [self._moments[number] for number in gradients]
+        counts = [kept["step"] for kept in moments]
+        torch._foreach_add_(counts, 1)
+        torch._fused_adam_(
+            [self._parameters[number] for number in gradients],
+            list(gradients.values()),
+            [kept["exp_avg"] for kept in moments],
+            [kept["exp_avg_sq"] for kept in moments],
+            [],
+            counts,
+            lr=self.param_groups[0]["lr"],
+            beta1=_BETAS[0],
+            beta2=_BETAS[1],
+            weight_decay=0.0,
+            eps=_EPSILON,
+            amsgrad=False,
+            maximize=False,
+        )
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the running means by number of the parameter, and the settings."""
+        return {
+            "state": {number: dict(kept) for number, kept in self._moments.items()},
+            "param_groups": [dict(group) for group in self.param_groups],
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take back what :meth:`state_dict`, or that of ``torch.optim.Adam``, returned for the same parameters."""
+        self._moments = {
+            number: {
+                name: tensor.detach().to(device=self._parameters[number].device, dtype=torch.float32, copy=True)
+                for name, tensor in kept.items()
+            }
+            for number, kept in state["state"].items()
+        }
+        self.param_groups[0]["lr"] = state["param_groups"][0]["lr"]
