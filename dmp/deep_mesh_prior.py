@@ -13,6 +13,7 @@ from dmp.adam import Adam
 from dmp.devices import has_fast_bfloat16
 from dmp.errors import SettingsError, TrainingError
 from dmp.layers import convolution_maker, graph_for
+from dmp.layers.gcn_stack import StackBuffers
 from dmp.losses import data_loss, laplacian_loss
 from dmp.memory_needs import has_room_for_outputs
 from dmp.mesh import FloatArray, IntArray
@@ -72,16 +73,11 @@ class DeepMeshPrior(Training):
                 convolution=convolution_maker(settings),
             )
         self._network = network.to(self.device)
-        self._buffers = None
-        if self.device.type == "cpu":
-            self._buffers = network.buffers_for(
-                n_vertices,
-                dtype=_between_layers(settings.precision, max(layout.widths)),
-                # Whether they are kept changes no digit of the result.
-                keep_outputs=has_room_for_outputs(settings, n_vertices),
-            )
-        if self._buffers is not None and isinstance(self._graph, Tensor):
-            self._graph = self._graph.to(self._buffers.dtype)
+        self._buffers: StackBuffers | None = None
+        self._has_buffers = self.device.type == "cpu" and network.has_use_for_buffers
+        self._between_layers = _between_layers(settings.precision, max(layout.widths))
+        if self._has_buffers and isinstance(self._graph, Tensor):
+            self._graph = self._graph.to(self._between_layers)
         self._optimiser = Adam(self._network.parameters(), lr=settings.learning_rate)
         self._output = self._base
         self._average: Tensor | None = None
@@ -92,6 +88,11 @@ class DeepMeshPrior(Training):
         return sum(parameter.numel() for parameter in self._network.parameters())
 
     def _forward(self) -> Mapping[str, Tensor]:
+        if self._has_buffers and self._buffers is None:
+            n_vertices = len(self._features)
+            # Whether outputs are kept changes no digit of the result.
+            keep_outputs = has_room_for_outputs(self.settings, n_vertices)
+            self._buffers = self._network.buffers_for(n_vertices, dtype=self._between_layers, keep_outputs=keep_outputs)
         output = self._network(self._features, self._graph, self._buffers)
         if self.settings.predict == "displacement":
             output = output + self._base
@@ -123,6 +124,9 @@ class DeepMeshPrior(Training):
             # The decay grows towards its value, so that the first, poor outputs are soon forgotten.
             decay = min(self.settings.average, (2 + self.step) / (11 + self.step))
             self._average.lerp_(self._output, 1 - decay)
+
+    def _release(self) -> None:
+        self._buffers = None
 
     def _prediction(self) -> Tensor:
         shown = self._output if self._average is None else self._average

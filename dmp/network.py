@@ -100,14 +100,14 @@ class DisplacementNetwork(nn.Module):
         self.hidden = None if skip else nn.Linear(widths[-1], hidden)
         self.output = nn.Linear(widths[-1] if skip else hidden, 3)
 
-    def buffers_for(
-        self, n_vertices: int, *, dtype: torch.dtype = torch.float32, keep_outputs: bool = True
-    ) -> StackBuffers | None:
-        """Return buffers with which :meth:`forward` is faster on a processor; None for a network that has no use for them."""
-        if any(source is not None for source in self.sources) or not all(
-            isinstance(convolution, GraphConvolution) for convolution in self.convolutions
-        ):
-            return None
+    @property
+    def has_use_for_buffers(self) -> bool:
+        """Whether :meth:`buffers_for` makes :meth:`forward` faster on a processor: for graph convolutions in a plain series."""
+        is_plain = all(source is None for source in self.sources)
+        return is_plain and all(isinstance(convolution, GraphConvolution) for convolution in self.convolutions)
+
+    def buffers_for(self, n_vertices: int, *, dtype: torch.dtype = torch.float32, keep_outputs: bool = True) -> StackBuffers:
+        """Return buffers for :meth:`forward`, see :class:`dmp.layers.gcn_stack.StackBuffers`."""
         return StackBuffers(n_vertices, self.sizes[0], self.sizes[1:], dtype=dtype, keep_outputs=keep_outputs)
 
     def forward(self, features: Tensor, graph: Graph, buffers: StackBuffers | None = None) -> Tensor:

@@ -94,6 +94,9 @@ class Training(ABC):
     def _load_weights(self, state: Mapping[str, Any]) -> None:
         """Take back what :meth:`_weights` returned; may raise anything when it does not fit."""
 
+    def _release(self) -> None:  # noqa: B027  # not every method has any
+        """Give back memory that only steps need, and that the next step makes again."""
+
     # -- what they share ------------------------------------------------------------------------------------------
 
     def steps(self) -> Iterator[StepRecord]:
@@ -109,21 +112,24 @@ class Training(ABC):
         """
         # Process-wide, like every thread count of torch: trainings in one process share it.
         torch.set_num_threads(self.threads)
-        if self.step == 0:
-            with self._timed():
-                self._losses = self._losses_before()
-                self._check_loss(self._losses["total_loss"].item(), 0)
-                record = self._record()
-            yield record
-        while self.step < self.settings.steps and not self._rest.is_at_rest:
-            with self._timed():
-                losses = self._compute_gradients()
-                self._check_finite(losses["total_loss"], self.step + 1)
-                self._apply_gradients()
-                self.step += 1
-                self._losses = losses
-                record = self._record()
-            yield record
+        try:
+            if self.step == 0:
+                with self._timed():
+                    self._losses = self._losses_before()
+                    self._check_loss(self._losses["total_loss"].item(), 0)
+                    record = self._record()
+                yield record
+            while self.step < self.settings.steps and not self._rest.is_at_rest:
+                with self._timed():
+                    losses = self._compute_gradients()
+                    self._check_finite(losses["total_loss"], self.step + 1)
+                    self._apply_gradients()
+                    self.step += 1
+                    self._losses = losses
+                    record = self._record()
+                yield record
+        finally:
+            self._release()
 
     def current(self) -> StepRecord | None:
         """Return a record with a snapshot of the step just done, whatever the interval; None before the first step."""

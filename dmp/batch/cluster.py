@@ -23,6 +23,8 @@ LOOPBACK = "127.0.0.1"
 DEFAULT_PORT = 8786
 GPU = "GPU"
 _CONNECT_SECONDS = 15.0
+# dask remembers the last thousand messages at each end, the meshes in them included.
+_LOG_LENGTH, _FEW = "distributed.admin.low-level-log-length", 10
 # Without these a worker's processor libraries would each take all cores before the first training says how many.
 _WORKER_ENVIRONMENT = {"GOMP_SPINCOUNT": "30000", "OMP_NUM_THREADS": "1", "DASK_LOGGING__DISTRIBUTED": "critical"}
 
@@ -91,13 +93,15 @@ def connect(address: str, tls: Certificates | None = None, *, timeout: float | N
     Raises:
         ClusterError: when nobody answers there, or who answers cannot be understood.
     """
+    import dask
     from distributed import Client
 
     address = full_address(address, encrypted=tls is not None)
     quiet_logs()
     try:
         options = {} if tls is None else {"security": tls.security()}
-        return Client(address, timeout=timeout or _CONNECT_SECONDS, set_as_default=False, **options)
+        with dask.config.set({_LOG_LENGTH: _FEW}):
+            return Client(address, timeout=timeout or _CONNECT_SECONDS, set_as_default=False, **options)
     except (OSError, ValueError, TypeError, ImportError, RuntimeError) as error:
         cause = " ".join(str(error).split())[:200] or type(error).__name__
         raise ClusterError(
@@ -182,6 +186,7 @@ def dask_config(worker_ttl: str) -> dict[str, Any]:
         "distributed.worker.preload": ["dmp.batch.preload"],
         # Looking after itself fifty times a second took 1.9 % of a core in each worker; so it is 0.4 %.
         "distributed.admin.tick.interval": "500ms",
+        _LOG_LENGTH: _FEW,
         "distributed.admin.system-monitor.interval": "1s",
         "logging": {"distributed": "critical", "distributed.nanny": "critical", "distributed.worker": "critical"},
     }

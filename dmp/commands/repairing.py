@@ -24,7 +24,9 @@ def repair(
     ] = False,
     keep_pieces: Annotated[
         int,
-        Parameter(name=["--keep-pieces", "--keep-components"], help="Keep only so many pieces, those with the most faces; 0: all."),
+        Parameter(
+            name=["--keep-pieces", "--keep-components"], help="Keep only so many pieces, those with the most faces; 0: all."
+        ),
     ] = 0,
     min_faces: Annotated[int, Parameter(help="Drop separate pieces with fewer faces.")] = 0,
     json: AsJson = False,

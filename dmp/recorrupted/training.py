@@ -25,6 +25,7 @@ from dmp.recorrupted.noise_model import (
     NoiseModel,
     estimate_evenness,
     estimate_noise,
+    gain_of_estimate,
     level_along,
     lightly_smoothed,
     standard_draws,
@@ -45,7 +46,8 @@ _CORRECTIONS, _DETAIL_LOST, _LEAST_PART = (0.15, 0.3, 0.45, 0.6), 8.0, 0.93
 # Some shape is left in every estimate. Taken too low by a part, about as large a part of the noise stays in the result; taken
 # too high by as much, detail is lost, which costs more where there is any.
 _CAUTION = 0.98
-# What trimming at three deviations leaves of the deviation of normally distributed values; of uniform ones it leaves all.
+# What trimming at three deviations leaves of the deviation of normally distributed values; a first guess of what an estimate
+# misses, before that can be tried on the restored mesh.
 _TRIMMED = 0.9866
 # The noise that is added is at least this share as strong across the normal as along it.
 _LEAST_TANGENTIAL = 0.5
@@ -284,9 +286,10 @@ class RecorruptedTraining(Training):
     def _look_at_noise_again(self) -> None:
         """Learn about the noise from what the restoration takes away.
 
-        What the restored shape itself adds to the estimate of the level is taken off it, unless a person gave the level. And
-        the draws get the distribution of the noise: if it is the same, noise and draw can change places, so that a network
-        that knows their sum expects their difference to be 0, whatever that distribution is.
+        What the restored shape itself adds to the estimate of the level is taken off it, and what the estimate misses of noise
+        that is put on that shape is given back, unless a person gave the level. And the draws get the distribution of the
+        noise: if it is the same, noise and draw can change places, so that a network that knows their sum expects their
+        difference to be 0, whatever that distribution is.
         """
         if self.noise.level < _SURE_NOISE:
             return
@@ -296,8 +299,9 @@ class RecorruptedTraining(Training):
         evenness, level = estimate_evenness(removed, normals), self.noise.level
         if not self.settings.noise_level:
             estimate, shape = self._estimate.level, level_along(restored, whole.patch.faces, normals)
-            level = float(np.sqrt(max(estimate**2 - _DETAIL_LOST * shape**2, (_LEAST_PART * estimate) ** 2)))
-            level = _with_caution(level, evenness)
+            left = float(np.sqrt(max(estimate**2 - _DETAIL_LOST * shape**2, (_LEAST_PART * estimate) ** 2)))
+            assumed = replace(self.noise, level=estimate, evenness=evenness)
+            level = _CAUTION * left / gain_of_estimate(restored, whole.patch.faces, assumed)
         self.noise = replace(self.noise, level=level, evenness=evenness)
         if self._lowest is not None:
             # Risks under different noise can't be compared.
@@ -360,7 +364,7 @@ def _corners(positions: Tensor, faces: Tensor) -> Tensor:
 
 def _with_settings(noise: NoiseModel, settings: Settings) -> NoiseModel:
     return NoiseModel(
-        settings.noise_level or _with_caution(noise.level, noise.evenness),
+        settings.noise_level or _CAUTION / _TRIMMED * noise.level,
         noise.tangential if settings.noise_tangential < 0 else settings.noise_tangential,
         noise.normals,
     )
@@ -382,8 +386,3 @@ def _normal_errors(output: Tensor, target: Tensor, piece: _Piece, chosen: Tensor
         faces = faces.index_select(1, chosen)
     predicted, wanted = area_vectors(_corners(output, faces)), area_vectors(_corners(target, faces))
     return normal_errors(predicted, wanted, _rows(piece.area_scale, chosen))
-
-
-def _with_caution(estimate: float, evenness: float) -> float:
-    """Return the level to draw with, for the estimate of :func:`estimate_noise`."""
-    return _CAUTION * estimate / (1.0 - (1.0 - _TRIMMED) * (1.0 - evenness))

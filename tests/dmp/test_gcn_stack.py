@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
+from dmp.deep_mesh_prior import DeepMeshPrior
+from dmp.layers import ChebyshevConvolution
 from dmp.layers.gcn_stack import StackBuffers, bytes_per_vertex, gcn_stack
 from dmp.mesh import TriangleMesh
 from dmp.network import LAYOUTS, DisplacementNetwork
 from dmp.operators import normalised_adjacency, to_torch
+from dmp.problem import denoising
+from dmp.settings import settings_for
 
 _LAYOUT = LAYOUTS["2024-06"].divided(8)
 
@@ -61,7 +66,6 @@ def test_outputs_and_gradients_equal_those_of_automatic_derivatives(sphere: Tria
 def test_gradients_of_the_features_and_a_second_pass_through_the_same_buffers(sphere: TriangleMesh) -> None:
     network, graph = _network(1), _propagation(sphere)
     buffers = network.buffers_for(sphere.n_vertices)
-    assert buffers is not None
     for seed in (1, 2):
         values = torch.randn(sphere.n_vertices, 16, generator=torch.Generator().manual_seed(seed))
         first, second = values.clone().requires_grad_(), values.clone().requires_grad_()
@@ -75,7 +79,6 @@ def test_gradients_of_the_features_and_a_second_pass_through_the_same_buffers(sp
 def test_outputs_stay_when_the_buffers_are_used_again_and_a_late_backward_pass_is_refused(sphere: TriangleMesh) -> None:
     network, graph = _network(), _propagation(sphere)
     buffers = network.buffers_for(sphere.n_vertices)
-    assert buffers is not None
     features = torch.randn(sphere.n_vertices, 16)
     stack = gcn_stack(features, graph, network.convolutions, network.normalisations, buffers)
     before = stack.detach().clone()
@@ -108,5 +111,22 @@ def test_buffers_take_the_memory_that_is_told_of_them() -> None:
         assert sum(tensor.numel() * tensor.element_size() for tensor in held) == 100 * told
 
 
-def test_other_networks_do_without_buffers() -> None:
-    assert DisplacementNetwork(16, (16, 16, 16), 16, skip=True).buffers_for(10) is None
+def test_other_networks_have_no_use_for_buffers() -> None:
+    assert DisplacementNetwork(16, (16, 16, 16), 16).has_use_for_buffers
+    assert not DisplacementNetwork(16, (16, 16, 16), 16, skip=True).has_use_for_buffers
+    assert not DisplacementNetwork(16, (16, 16), 16, convolution=ChebyshevConvolution).has_use_for_buffers
+
+
+def test_a_training_gives_its_buffers_back_when_it_ends_or_is_stopped(noisy_sphere: TriangleMesh) -> None:
+    settings = settings_for("denoise", "compact", device="cpu", threads=1, steps=4)
+    whole, stopped = (DeepMeshPrior(denoising(noisy_sphere, settings), settings) for _ in range(2))
+    records = list(whole.steps())
+    steps = stopped.steps()
+    for _ in range(3):
+        next(steps)
+    assert stopped._buffers is not None
+    steps.close()  # type: ignore[attr-defined]
+    assert stopped._buffers is None and whole._buffers is None
+    *_, last = stopped.steps()
+    assert last.snapshot is not None and records[-1].snapshot is not None
+    assert np.array_equal(last.snapshot.vertices, records[-1].snapshot.vertices)

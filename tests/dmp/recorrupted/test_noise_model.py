@@ -6,7 +6,7 @@ import torch
 
 from dmp.geometry import vertex_normals
 from dmp.mesh import TriangleMesh
-from dmp.recorrupted.noise_model import estimate_evenness, estimate_noise, standard_draws
+from dmp.recorrupted.noise_model import NoiseModel, estimate_evenness, estimate_noise, gain_of_estimate, standard_draws
 from dmp.recorrupted.outliers import find_outliers, replaced
 from tests.meshes import sphere_mesh
 
@@ -123,3 +123,17 @@ def test_draws_have_mean_zero_and_variance_one() -> None:
         assert np.abs(draws.var(axis=0) - 1).max() < 0.01
         # Of independent values the fourth cumulants add; a uniform one has -1.2, weighted by the square of its variance.
         assert (draws**4).mean() - 3 == pytest.approx(-1.2 * evenness**2, abs=0.03)
+
+
+@pytest.mark.parametrize(("tangential", "evenness"), [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
+def test_what_the_estimate_misses_is_found_by_trying(ball: TriangleMesh, tangential: float, evenness: float) -> None:
+    level, normals = 0.4, vertex_normals(ball.vertices, ball.faces)
+    assumed = NoiseModel(level, tangential, normals, evenness)
+    gain = gain_of_estimate(ball.vertices, ball.faces, assumed)
+    found = []
+    for seed in range(5, 9):
+        draws = standard_draws(ball.n_vertices, evenness, torch.Generator().manual_seed(seed)).numpy().astype(float)
+        along = (draws * normals).sum(axis=1, keepdims=True) * normals
+        noisy = ball.vertices + level * (along + tangential * (draws - along))
+        found.append(estimate_noise(noisy, ball.faces).level)
+    assert np.mean(found) / gain == pytest.approx(level, rel=0.025)
