@@ -255,8 +255,7 @@ class Engine:
                 continue
             future = client.submit(
                 attend, self._batch, work.name, work.function, arguments, self._hosts,
-                # All under one prefix: the scheduler never forgets a prefix.
-                key=("dmp-batch", self._batch, work.name), pure=False, resources={GPU: 1} if self._means.gpu else None,
+                key=f"{self._batch}/{work.name}", pure=False, resources={GPU: 1} if self._means.gpu else None,
             )  # fmt: skip
             state.under_way[work.name] = _Attempt(work, future, retries, time.monotonic(), furthest, furthest)
 

@@ -42,7 +42,7 @@ _LEAST_LEVEL = 0.01
 _SURE_NOISE = 0.03
 # At these shares of the steps what the restored mesh itself adds to the estimate is taken off it, that many times, because a
 # restored mesh has lost most of its finest detail; but no more than to this part of the estimate.
-_CORRECTIONS, _DETAIL_LOST, _LEAST_PART = (0.15, 0.3, 0.45, 0.6), 8.0, 0.93
+_CORRECTIONS, _DETAIL_LOST, _LEAST_PART = (0.15, 0.3, 0.45, 0.6), 6.0, 0.93
 # Some shape is left in every estimate. Taken too low by a part, about as large a part of the noise stays in the result; taken
 # too high by as much, detail is lost, which costs more where there is any.
 _CAUTION = 0.98
