@@ -79,9 +79,7 @@ def free(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
 def test_what_will_not_fit_is_refused_with_numbers_and_a_remedy(free: Callable[[float], None]) -> None:
     free(6)
     check_memory(settings_for("denoise", "compact"), 100_000)
-    with pytest.raises(
-        SettingsError, match=r"1,000,000 vertices.*needs about \d+ GB; 6.0 GB are free.*reduce the mesh"
-    ):
+    with pytest.raises(SettingsError, match=r"1,000,000 vertices.*needs about \d+ GB; 6.0 GB are free.*reduce the mesh"):
         check_memory(settings_for("denoise", "paper", device="cpu"), 1_000_000)
     with pytest.raises(SettingsError, match=r"Use --preset compact"):
         check_memory(settings_for("denoise", "paper", device="cpu"), 280_000)

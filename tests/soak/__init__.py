@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 # Modules of this folder, each with ``run(size, seed) -> Result`` and ``FULL_SIZE``.
-PARTS = ["reading", "broken", "kills", "disks", "folders", "scales", "signals", "cycles", "clicking", "pace"]
+PARTS = ["reading", "broken", "kills", "disks", "folders", "scales", "signals", "cycles", "clicking", "pace", "batch"]
 
 
 @dataclass(frozen=True)

