@@ -44,6 +44,9 @@ MEASURES: tuple[Measure, ...] = (
             "edges", False),
     Measure("held_out_risk", "Held-out risk", "The loss on vertices that the training never sees. Where it begins to rise, the "
             "network has begun to learn the noise.", "none", True),
+    Measure("held_out_excess", "Risk above its lowest", "By how many standard errors the held-out risk is above the lowest so "
+            "far. From 2 on it has clearly risen, and an earlier step is suggested.", "none", False),
+    Measure("held_out_lowest_step", "Step of lowest risk", "Where the held-out risk was lowest so far.", "none", False),
     Measure("displacement", "Displacement", "Mean distance of the prediction from the smoothed mesh.", "edges", False),
     Measure("input_distance", "Distance to input", "Mean distance of the prediction from the input.", "edges", False),
     Measure("vertex_error", "Vertex error", "Mean distance of the vertices from the ground truth.", "edges", False),

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import QObject, QSocketNotifier
+from qtpy.QtCore import QObject, QSocketNotifier, QTimer
 
 from dmp.errors import DmpError
 from dmp.meshio import write_mesh
@@ -56,16 +56,24 @@ class Shutdown(QObject):
             number = getattr(signal, name, None)  # Windows has no SIGHUP
             # Ignored means that whoever started the program wants it so, as nohup does.
             if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
-                self._before[number] = signal.signal(number, _note)
+                self._before[number] = signal.signal(number, self._on_signal)
 
     def close(self) -> None:
         """Listen no longer; the next signal ends the process as it does without this object."""
         self._notifier.setEnabled(False)
-        signal.set_wakeup_fd(-1)
+        other = signal.set_wakeup_fd(-1)
+        if other != self._writing.fileno():  # somebody listens who came later
+            signal.set_wakeup_fd(other, warn_on_full_buffer=False)
         for number, handler in self._before.items():
             signal.signal(number, handler)
         self._reading.close()
         self._writing.close()
+
+    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
+        """Take the place of the handler that would end the process."""
+        _LOG.info("Ended by %s", signal.Signals(number).name)
+        # The socket alone would do, if nobody else had taken the interpreter's only place for one.
+        QTimer.singleShot(0, self.end)
 
     def _on_woken(self) -> None:
         try:
@@ -89,11 +97,6 @@ class Shutdown(QObject):
         controller.window.close_guard = lambda: True
         controller.window.close()
         self._application.exit(0)
-
-
-def _note(number: int, _frame: FrameType | None) -> None:
-    """Take the place of the handler that would end the process; what is to be done, the socket brings about."""
-    _LOG.info("Ended by %s", signal.Signals(number).name)
 
 
 def _rescue(run: object) -> None:

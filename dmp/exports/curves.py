@@ -20,7 +20,8 @@ CURVE_SUFFIXES = (".csv", ".png", ".svg", ".pdf")
 _COLORS = {
     "data_loss": "#1f66c1", "laplacian_loss": "#b35900", "position_loss": "#1f66c1", "normal_loss": "#b35900",
     "inserted_movement": "#6f42c1", "made_up_error": "#c2255c", "hole_distance": "#5c940d", "hole_normal_error": "#00796b",
-    "total_loss": "#57606a", "held_out_error": "#c2255c", "held_out_risk": "#c2255c", "held_out_normal_error": "#e0569b",
+    "total_loss": "#57606a", "held_out_error": "#c2255c", "held_out_risk": "#c2255c",
+    "held_out_excess": "#e0569b", "held_out_lowest_step": "#868e96", "held_out_normal_error": "#e0569b",
     "displacement": "#6f42c1", "input_distance": "#0b7285", "vertex_error": "#5c940d", "mad": "#00796b",
 }  # fmt: skip
 _LONG, _DASH_DOT = (0, (5, 2)), (0, (6, 2, 1.5, 2))

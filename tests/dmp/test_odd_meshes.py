@@ -65,7 +65,8 @@ def test_isolated_vertices_change_nothing_for_the_others(preset: str) -> None:
     assert left.snapshot is not None and right.snapshot is not None
     assert np.array_equal(left.snapshot.vertices[connected], right.snapshot.vertices)
     assert np.array_equal(left.snapshot.vertices[~connected], whole.vertices[~connected])
-    assert left.metrics == right.metrics
+    # Means over arrays of another length may differ in their last digit.
+    assert left.metrics == pytest.approx(right.metrics, rel=1e-12)
 
 
 def test_a_part_of_a_problem_keeps_scale_and_place() -> None:

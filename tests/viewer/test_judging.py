@@ -338,15 +338,16 @@ def test_the_history_follows_the_quantity_and_new_snapshots(judged: Controller, 
 
 
 def test_rows_that_come_and_go_leave_the_meshes_where_they_are(judged: Controller, qtbot: QtBot) -> None:
+    qtbot.wait(50)  # until the status bar has its text, and with it its height
     height, layout = judged.window.panes.height(), judged.window.layout_state()[1]
     judged.workspace.picking.pick(3)
     judged.presenter.flush()
     qtbot.wait(20)
     assert judged.window.picked.isVisible()
-    assert judged.window.panes.height() == height
+    assert abs(judged.window.panes.height() - height) <= 1  # a splitter's rest may go to either side
     assert judged.window.layout_state()[1] == layout
     judged.workspace.picking.pick(None)
     judged.presenter.flush()
     qtbot.wait(20)
-    assert judged.window.panes.height() == height
+    assert abs(judged.window.panes.height() - height) <= 1  # a splitter's rest may go to either side
     assert judged.window.layout_state()[1] == layout

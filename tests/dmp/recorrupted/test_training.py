@@ -202,14 +202,14 @@ def test_the_level_is_corrected_by_what_the_shape_adds() -> None:
         _result(training)
         return before, training.noise.level
 
-    smooth = sphere_mesh(3)
+    smooth = sphere_mesh(4)
     before, after = levels(smooth)
     # What is given back for trimming and tilted normals is found by trying, and so known to about two per cent here.
     assert after == pytest.approx(before, rel=0.03)
     # Waves two edges long, some of which looks like noise.
     rough = smooth.with_vertices(smooth.vertices * (1 + 0.06 * np.sin(20 * smooth.vertices[:, :1])))
     before, after = levels(rough)
-    assert 0.92 * before < after < 0.999 * before
+    assert 0.85 * before < after < 0.95 * before
     assert levels(rough, noise_level=0.15) == (0.15, 0.15)
 
 
