@@ -33,9 +33,9 @@ MEASURES: tuple[Measure, ...] = (
     Measure("laplacian_loss", "Laplacian loss", "How rough the prediction is: the distance of each vertex from the middle of "
             "its neighbours.", "training", True),
     Measure("position_loss", "Position loss", "How far the prediction is from recorrupted copies of the input.",
-            "training", True),
+            "training", False),
     Measure("normal_loss", "Normal loss", "How far the normals of the prediction are from those of recorrupted copies.",
-            "none", True),
+            "none", False),
     Measure("total_loss", "Total loss", "What the optimiser minimises: the data loss plus λ times the Laplacian loss.",
             "training", False),
     Measure("held_out_error", "Held-out error", "Error on vertices that the training never sees. Where it stops falling, the "
