@@ -6,13 +6,15 @@ and the run is kept with the step that it had reached, stopped, whole, and ready
 
 from __future__ import annotations
 
+import os
 import pty
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from os import close
 from pathlib import Path
 
@@ -40,6 +42,11 @@ def run(size: int, seed: int) -> Result:
     name = "signals of the system that end windows and commands in training"
     if not has_display():
         return Result(name, 0, 0, (WITHOUT_DISPLAY,))
+    try:
+        for descriptor in pty.openpty():
+            os.close(descriptor)
+    except OSError as error:
+        return Result(name, 0, 0, (f"this system gives no terminal ({error})",))
     with tempfile.TemporaryDirectory(prefix="dmp-signals-") as folder, display() as environment:
         mesh = Path(folder) / "scan.ply"
         ball = sphere_mesh(3)
@@ -64,14 +71,15 @@ def _one(mesh: Path, home: Path, environment: dict[str, str], number: signal.Sig
     # On a terminal of its own, which is gone when it gets a SIGHUP.
     ours, theirs = pty.openpty()
     said = (home / "said.txt").open("wb")
-    child = subprocess.Popen(
-        command,
-        env=at_home_in(home, environment),
-        stdin=theirs,
-        stdout=theirs,
-        stderr=theirs if number is signal.SIGHUP else said,
-        start_new_session=True,
-    )
+    with _nothing_ignored():
+        child = subprocess.Popen(
+            command,
+            env=at_home_in(home, environment),
+            stdin=theirs,
+            stdout=theirs,
+            stderr=theirs if number is signal.SIGHUP else said,
+            start_new_session=True,
+        )
     close(theirs)
     try:
         run = _begun(home, child)
@@ -95,6 +103,19 @@ def _one(mesh: Path, home: Path, environment: dict[str, str], number: signal.Sig
         said.close()
         if ours >= 0:
             close(ours)
+
+
+@contextmanager
+def _nothing_ignored() -> Iterator[None]:
+    """Undo for a child what nohup, or a shell that starts a job in the background, has every process below it ignore."""
+    ignored = [number for number in _SIGNALS if signal.getsignal(number) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        for number in ignored:
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _begun(home: Path, child: subprocess.Popen[bytes]) -> Path | None:

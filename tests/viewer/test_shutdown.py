@@ -36,9 +36,14 @@ def application() -> Application:
 
 @pytest.fixture
 def ending(viewer: Controller, application: Application) -> Iterator[Shutdown]:
+    # Tests that run under nohup, or as a job in the background, inherit that some of them are ignored.
+    inherited = {number: signal.signal(number, signal.SIG_DFL) for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)}
     listening = Shutdown(viewer, application)  # type: ignore[arg-type]
     yield listening
     listening.close()
+    for number, handler in inherited.items():
+        if number != signal.SIGTERM:
+            signal.signal(number, handler)
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 
