@@ -9,17 +9,21 @@ Invariants, each with what happens when it is broken:
   one of three.
 - Keys go to the window. VTK binds ``q``, ``e``, ``p``, ``3`` and more by itself; ``q`` would end the view.
 - Files dropped here belong to the window. pyvistaqt would load them into the scene.
+- The Python side of the surface ends with the surface. It is no QObject, so PySide cannot see it go, and hands the stale
+  wrapper out for whatever object Qt makes next at that address: a menu action without ``setVisible``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 from pyvistaqt import QtInteractor
 from qtpy.QtCore import QPoint, Qt, Signal
 from qtpy.QtGui import QKeyEvent, QMouseEvent
 from qtpy.QtWidgets import QWidget
+from qtpy.shiboken import invalidate
 
 N_PANES = 3
 # A hand that moves less than this between press and release has clicked, not dragged.
@@ -64,6 +68,14 @@ class Interactor(QtInteractor):
         if not self._in_paint:
             self.mark()
             self.interacted.emit()
+
+    def initializeGL(self) -> None:
+        """Give VTK the context that Qt made, and let go of its surface when Qt ends both."""
+        super().initializeGL()
+        if self._ctx is not None:
+            # Qt deletes the surface right after the context. No method of this widget would hear that any more when the
+            # window goes first, so the connection must not hang on it.
+            self._ctx.aboutToBeDestroyed.connect(partial(invalidate, self._surface))
 
     def paintGL(self) -> None:
         """Draw the marked panes; all of them when the paint has another cause, such as a new size."""

@@ -27,7 +27,7 @@ CARD_PICTURE = QSize(208, 132)
 _STEPS = (
     (
         "Open a damaged mesh",
-        "A scan with noise or holes, as PLY, OBJ, STL or OFF. No examples, no training data are needed.",
+        "A scan with noise or holes, as PLY, OBJ, STL, OFF, GLB, 3MF or VTP. No examples, no training data are needed.",
     ),
     ("Watch the network learn it", "Press Start. The shape is learnt first, the noise last; you see every step."),
     ("Keep the best step", "Go back in time to where the noise is gone and the detail is there, and save it."),

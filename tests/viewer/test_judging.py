@@ -344,10 +344,10 @@ def test_rows_that_come_and_go_leave_the_meshes_where_they_are(judged: Controlle
     judged.presenter.flush()
     qtbot.wait(20)
     assert judged.window.picked.isVisible()
-    assert abs(judged.window.panes.height() - height) <= 1  # a splitter's rest may go to either side
+    assert judged.window.panes.height() == height
     assert judged.window.layout_state()[1] == layout
     judged.workspace.picking.pick(None)
     judged.presenter.flush()
     qtbot.wait(20)
-    assert abs(judged.window.panes.height() - height) <= 1  # a splitter's rest may go to either side
+    assert judged.window.panes.height() == height
     assert judged.window.layout_state()[1] == layout

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
-from qtpy.QtCore import QPoint, Qt
+from qtpy.QtCore import QCoreApplication, QEvent, QObject, QPoint, Qt
+from qtpy.QtWidgets import QWidget
+from qtpy.shiboken import getAllValidWrappers, isValid, ownedByPython
 
 from dmp.problem import Problem
 from dmp_viewer.controller import Controller
 from dmp_viewer.model import Source
+from dmp_viewer.views.interactor import Interactor
 from dmp_viewer.views.mesh_panes import INPUT, PREDICTED, SMOOTHED
 from tests.viewer.conftest import FakeRun, pane_pixels
 from tests.viewer.driving import show_fake, trigger
@@ -183,3 +186,20 @@ def test_meshes_of_any_size_and_place_fill_the_panes(viewer: Controller, problem
     assert rows[0] + rows[-1] == pytest.approx(height, abs=8)
     assert columns[0] > 0
     assert rows[0] > 0
+
+
+@pytest.mark.usefixtures("qapp")
+def test_a_deleted_view_leaves_no_name_for_memory_that_is_not_its_own(qtbot: QtBot) -> None:
+    # PySide gives an object that Qt makes later at the same address the Python class of such a forgotten one.
+    host = QWidget()
+    interactor = Interactor(host, multi_samples=0)
+    host.show()
+    qtbot.waitExposed(host)
+    interactor.grabFramebuffer()
+    surface = interactor._surface
+    assert isValid(surface)
+    host.deleteLater()
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    assert not isValid(surface)
+    foreign = [one for one in getAllValidWrappers() if not isinstance(one, QObject) and not ownedByPython(one)]
+    assert {type(one).__name__ for one in foreign} <= {"QMetaObject"}
