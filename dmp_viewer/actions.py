@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from qtpy.QtGui import QAction, QActionGroup, QKeySequence
@@ -19,7 +19,7 @@ class ActionSpec:
         name: how the code calls it.
         menu: the menu it stands in.
         text: what the menu says; ``&`` marks the access key.
-        key: shortcut, as Qt writes it, or empty.
+        key: shortcut, as Qt writes it, or empty; several are parted by ``; ``.
         tip: one sentence for the status bar and the tool tip.
         icon: name of the icon, or empty.
         group: actions of one group exclude each other.
@@ -82,6 +82,8 @@ ACTIONS: tuple[ActionSpec, ...] = (
                "Show hole filling alone in place of the completion, to compare both.", "filling", checkable=True),
     ActionSpec("link", "view", "&Link cameras", "L", "Turn all three panes together.", "link", checkable=True),
     ActionSpec("z_up", "view", "&Z axis up", "Z", "Let the Z axis point up instead of the Y axis.", checkable=True),
+    ActionSpec("orthographic", "view", "&Orthographic view", "5",
+               "Draw the meshes without perspective: what is equally large looks so, however far away it is.", checkable=True),
     ActionSpec("reset_view", "view", "&Fit view", "R", "Show the whole mesh in all panes.", "fit"),
     ActionSpec("view_front", "view", "&Front", "1", "Look at the meshes straight from the front.", submenu=_SIDES),
     ActionSpec("view_side", "view", "&Right side", "3", "Look at the meshes straight from the right.", submenu=_SIDES),
@@ -188,19 +190,22 @@ ACTIONS: tuple[ActionSpec, ...] = (
                "Compare other steps with the shown one: by colours, and in the middle pane.", separated=True),
     ActionSpec("show_suggested", "step", "Show the s&uggested step", "S", "Show the step where overfitting seems to begin."),
     ActionSpec("show_best", "step", "Show the best s&tep", "Shift+S", "Show the step that is closest to the ground truth."),
-    ActionSpec("keys", "help", "&Keys", "F1", "List all keys."),
+    ActionSpec("keys", "help", "&Keys", "F1; ?", "List all keys."),
     ActionSpec("log_file", "help", "Copy &path of the log file", "",
                "Put the path of the log file on the clipboard, for a bug report."),
     ActionSpec("about", "help", "&About", "", "Versions and licence.", separated=True),
 )  # fmt: skip
 
 
-def build(parent: QWidget, handlers: dict[str, Callable[[], None]]) -> dict[str, QAction]:
+def build(
+    parent: QWidget, handlers: dict[str, Callable[[], None]], keys: Mapping[str, str] | None = None
+) -> dict[str, QAction]:
     """Make all actions; those without a handler are not made, so that no dead control appears.
 
     Args:
         parent: the window in which the keys work.
         handlers: what each action does, by name.
+        keys: key of each action, by name; by default those of the table.
     """
     actions: dict[str, QAction] = {}
     groups: dict[str, QActionGroup] = {}
@@ -212,10 +217,11 @@ def build(parent: QWidget, handlers: dict[str, Callable[[], None]]) -> dict[str,
         action.setCheckable(spec.checkable)
         # In a menu the picture would take the place of the check mark.
         action.setIconVisibleInMenu(not spec.checkable)
-        if spec.key:
-            action.setShortcut(QKeySequence(spec.key))
+        shortcuts = QKeySequence.listFromString(spec.key if keys is None else keys[spec.name])
+        action.setShortcuts(shortcuts)
         plain = spec.text.replace("&", "").rstrip("…")
-        action.setToolTip(f"{spec.tip or plain}{f'  ({key_text(spec.key)})' if spec.key else ''}")
+        key = f"  ({shortcuts[0].toString(QKeySequence.SequenceFormat.NativeText)})" if shortcuts else ""
+        action.setToolTip(f"{spec.tip or plain}{key}")
         action.setStatusTip(spec.tip)
         # A held key walks through the snapshots, but switches nothing to and fro.
         action.setAutoRepeat(not spec.checkable)
@@ -246,17 +252,3 @@ def fill_menu_bar(bar: QMenuBar, actions: dict[str, QAction]) -> dict[str, QMenu
     for menu in menus.values():
         menu.setToolTipsVisible(False)
     return menus
-
-
-def key_text(key: str) -> str:
-    """Return a key as this system writes it."""
-    return QKeySequence(key).toString(QKeySequence.SequenceFormat.NativeText)
-
-
-def keys_table() -> list[tuple[str, str, str]]:
-    """Return (menu, what, key) for everything that has a key, in the order of the menus."""
-    return [
-        (MENUS[spec.menu].replace("&", ""), spec.text.replace("&", "").rstrip("…"), key_text(spec.key))
-        for spec in ACTIONS
-        if spec.key
-    ]

@@ -24,6 +24,9 @@ def run(arguments: Arguments) -> int:
     from dmp.settings import settings_for
     from dmp_viewer import settings as preferences_file
 
+    path = arguments.config or preferences_file.default_path()
+    if arguments.list_bindings:
+        return _list_bindings(path)
     # What can be refused is refused before seconds of loading.
     reason = startup.missing_display()
     if reason is None:
@@ -37,7 +40,7 @@ def run(arguments: Arguments) -> int:
         return _refuse(reason)
     startup.start_log()
     if arguments.reset_settings:
-        preferences_file.default_path().unlink(missing_ok=True)
+        path.unlink(missing_ok=True)
 
     # torch comes before Qt: on Windows its libraries cannot be loaded any more once Qt's are there (WinError 1114).
     import torch
@@ -59,6 +62,8 @@ def make_application() -> QApplication:
     """Return the Qt application, with the name, icon and style of this one."""
     from qtpy.QtWidgets import QApplication
 
+    from dmp_viewer.garbage import GarbageCollection
+
     application = QApplication(sys.argv[:1])
     application.setApplicationName("dmp-viewer")
     application.setApplicationDisplayName("dmp-viewer")
@@ -68,6 +73,8 @@ def make_application() -> QApplication:
     icon = application_icon()
     if icon is not None:
         application.setWindowIcon(icon)
+    garbage = GarbageCollection(application)
+    application.aboutToQuit.connect(garbage.close)
     return application
 
 
@@ -89,13 +96,15 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
     from dmp.settings import settings_for
     from dmp_viewer import settings as preferences_file
     from dmp_viewer.controller import Controller
+    from dmp_viewer.keys import bindings
     from dmp_viewer.picture_job import PictureJob
     from dmp_viewer.shutdown import Shutdown
     from dmp_viewer.tasks import TASKS
+    from dmp_viewer.views.banner import Message
     from dmp_viewer.views.main_window import MainWindow
     from dmp_viewer.views.run_panel import available_devices
 
-    path = preferences_file.default_path()
+    path = arguments.config or preferences_file.default_path()
     preferences = preferences_file.load(path)
     if arguments.theme is not None:
         preferences.theme = arguments.theme
@@ -103,8 +112,11 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
     if batch:
         # A picture made by a script looks the same whatever a person has chosen before, and changes none of it.
         preferences = preferences_file.Preferences(theme=arguments.theme or "light")
-    window = MainWindow(multi_samples=opengl.multi_samples, tasks=TASKS, devices=available_devices())
+    bound = bindings(preferences.keys)
+    window = MainWindow(multi_samples=opengl.multi_samples, tasks=TASKS, devices=available_devices(), keys=bound.keys)
     controller = Controller(window, preferences, None if batch else path)
+    for problem in bound.problems:
+        controller.say(Message("warning", f"{path}: {problem}"))
     startup.install_hooks(controller.tell_error)
     Shutdown(controller, application)
     settings = settings_for(arguments.task, arguments.preset, **arguments.overrides)
@@ -133,10 +145,24 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
     return job.exit_code if job is not None else code
 
 
+def _list_bindings(path: Path) -> int:
+    from dmp_viewer import settings as preferences_file
+    from dmp_viewer.keys import bindings, listing
+
+    bound = bindings(preferences_file.load(path).keys)
+    print(listing(bound.keys))
+    print(f'\nOther keys: a table “keys” in {path}, such as {{"keys": {{"flip": "Ctrl+Shift+A"}}}}.')
+    for problem in bound.problems:
+        print(f"dmp-viewer: {path}: {problem}", file=sys.stderr)
+    return 0
+
+
 def _unusable_paths(arguments: Arguments) -> str | None:
     for path in (arguments.path, arguments.ground_truth):
         if path is not None and not path.exists():
             return f"{path}: there is no such file or folder."
+    if arguments.config is not None and (arguments.config.is_dir() or not _can_write_beside(arguments.config)):
+        return f"{arguments.config}: this cannot be a file of preferences. Name a file in a folder that exists."
     if arguments.screenshot is not None and not _can_write_beside(arguments.screenshot):
         return f"{arguments.screenshot}: the folder {arguments.screenshot.absolute().parent} does not exist."
     return None

@@ -34,6 +34,8 @@ class Arguments:
     at_step: int | None = None
     theme: ThemeChoice | None = None
     size: tuple[int, int] | None = None
+    config: Path | None = None
+    list_bindings: bool = False
 
     @property
     def overrides(self) -> dict[str, int | str | None]:
@@ -92,6 +94,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--screenshot", type=Path, metavar="PNG", help="save a picture of the whole window, then exit")
     parser.add_argument("--at-step", type=int, metavar="N", help="with --screenshot: train to step N (or show it) first")
     parser.add_argument("--check", action="store_true", help="tell whether the window can work on this machine, then exit")
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="remember choices and keys in FILE instead of the user's own (window.json)"
+    )
+    parser.add_argument("--list-bindings", action="store_true", help="list all actions with their names and keys, then exit")
     parser.add_argument("--reset-settings", action="store_true", help="forget window layout, recent files and choices")
     parser.add_argument("--version", action=_Version, nargs=0, dest=argparse.SUPPRESS, help="show versions, then exit")
     return parser

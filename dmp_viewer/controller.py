@@ -18,7 +18,7 @@ from dmp.runs import Run, default_runs_folder, is_run_folder
 from dmp.snapshot import Snapshot
 from dmp_viewer import settings as preferences_file
 from dmp_viewer import tasks, theme
-from dmp_viewer.background import Background
+from dmp_viewer.background import Background, close_all
 from dmp_viewer.comparing_control import ComparingControl
 from dmp_viewer.curve_notes import is_judged_by_rest
 from dmp_viewer.export import Exporter
@@ -120,7 +120,7 @@ class Controller(QObject):
         self.workspace.colors.set(
             quantity=preferences.quantity, range=preferences.range, unit=preferences.unit, outliers=preferences.outliers
         )
-        self.workspace.look.set(edges=preferences.edges, shading=preferences.shading)
+        self.workspace.look.set(edges=preferences.edges, shading=preferences.shading, orthographic=preferences.orthographic)
         window.curve.set_log_axis(preferences.log_axis)
         window.curve.set_smoothing(preferences.smoothing)
         window.set_panel_visible(preferences.show_panel)
@@ -393,7 +393,7 @@ class Controller(QObject):
         self._keep(None)
 
     def _do_keys(self) -> None:
-        dialogs.KeysDialog(self.window).show()
+        dialogs.KeysDialog(self.window, self.window.keys()).show()
 
     def _do_log_file(self) -> None:
         from dmp_viewer.startup import log_path
@@ -432,7 +432,7 @@ class Controller(QObject):
 
     def _on_system_scheme_changed(self) -> None:
         if self.preferences.theme == "auto":
-            QTimer.singleShot(0, lambda: self.set_theme("auto"))
+            QTimer.singleShot(0, self, lambda: self.set_theme("auto"))
 
     # -- closing ------------------------------------------------------------------------------------------------------
 
@@ -453,11 +453,12 @@ class Controller(QObject):
         """Write what is to be remembered, and end everything that works in the background."""
         self.save_preferences()
         self.window.timeline.set_playing(False)
-        self.background.close()
-        self.scanner.close()
-        self.runs.close()
-        self.comparing.close()
-        self.presenter.close()
+        self.queue.release()
+        self.exports.cancel()
+        self.scanner.cancel()
+        close_all(self.findChildren(Background))
+        for part in (self.exports, self.runs, self.comparing, self.presenter):
+            part.close()
 
     def save_preferences(self) -> None:
         """Write what is to be remembered."""
@@ -470,7 +471,7 @@ class Controller(QObject):
             geometry=geometry, splitters=splitters, docks=window.docks_state(), quantity=policy.quantity, unit=policy.unit,
             # A locked range belongs to the mesh that it was locked for.
             range="step" if policy.range == "locked" else policy.range,
-            outliers=policy.outliers, edges=look.edges, shading=look.shading,
+            outliers=policy.outliers, edges=look.edges, shading=look.shading, orthographic=look.orthographic,
             show_panel=window.named_actions["show_panel"].isChecked(),
             show_curve=window.named_actions["show_curve"].isChecked(),
         )  # fmt: skip

@@ -11,6 +11,7 @@ from dmp.vertex_measures import extent
 from dmp_viewer.colors import QUANTITIES, Limits
 from dmp_viewer.comparison import Middle, Mode
 from dmp_viewer.views import questions
+from dmp_viewer.views.buttons import with_key
 from dmp_viewer.views.held_key import HeldKey
 from dmp_viewer.views.mesh_panes import MIDDLE
 
@@ -35,9 +36,11 @@ class JudgingControl(QObject):
         bar.rangeChosen.connect(lambda value: colors.set(range=value))
         bar.unitChosen.connect(lambda value: colors.set(unit=value))
         self._window.panes.titles[MIDDLE].set_menu(
-            self._window.menu("compare/&Middle pane"), "What the middle pane shows", "Show something else here (M)"
+            self._window.menu("compare/&Middle pane"),
+            "What the middle pane shows",
+            with_key("Show something else here", self._window.named_actions["next_middle"]),
         )
-        self._flip_key = HeldKey(self._window.named_actions["flip"], lambda: self._workspace.comparison.set_flipped(False))
+        self.flip_key = HeldKey(self._window.named_actions["flip"], lambda: self._workspace.comparison.set_flipped(False))
         picking = self._workspace.picking
         self._window.panes.vertexClicked.connect(picking.pick)
         self._window.picked.stepClicked.connect(self._workspace.show_step)
@@ -105,6 +108,9 @@ class JudgingControl(QObject):
         look.set(up="y" if look.policy.up == "z" else "z")
         self._controller.preferences.up = look.policy.up
 
+    def _do_orthographic(self) -> None:
+        self._workspace.look.set(orthographic=not self._workspace.look.policy.orthographic)
+
     def _do_set_range(self) -> None:
         colors = self._workspace.colors
         if self._workspace.problem is None or not colors.has_values:
@@ -171,9 +177,10 @@ class JudgingControl(QObject):
         except DmpError as error:
             self._controller.tell_error(error)
             return
-        keys = {name: self._window.named_actions[name].shortcut().toString() for name in ("step", "next_middle")}
-        text = f"Other steps can be compared with this one now: by colours ({keys['step']}), in the middle pane "
-        self._window.statusBar().showMessage(f"{text}({keys['next_middle']}).", 8000)
+        actions = self._window.named_actions
+        colors, middle = with_key("by colours", actions["step"]), with_key("in the middle pane", actions["next_middle"])
+        text = f"Other steps can be compared with this one now: {colors}, {middle}."
+        self._window.statusBar().showMessage(text, 8000)
 
     def _switch(self, mode: Mode) -> None:
         comparison = self._workspace.comparison

@@ -21,12 +21,14 @@ class LookPolicy:
         edges: whether the edges of the triangles are drawn.
         linked: whether all panes turn together.
         up: the axis that points up.
+        orthographic: whether the meshes are drawn without perspective.
     """
 
     shading: Shading = "flat"
     edges: bool = False
     linked: bool = True
     up: UpAxis = "y"
+    orthographic: bool = False
 
 
 class Look:

@@ -53,6 +53,7 @@ class PanePresenter:
         panes.set_linked(look.linked)
         panes.set_edges(look.edges)
         panes.set_up(look.up)
+        panes.set_orthographic(look.orthographic)
 
     def draw_switches(self) -> None:
         """What is switched on in menus and the colour bar."""
@@ -64,6 +65,7 @@ class PanePresenter:
             ("edges", look.edges),
             ("link", look.linked),
             ("z_up", look.up == "z"),
+            ("orthographic", look.orthographic),
             ("smooth", look.shading == "smooth"),
             (colors.quantity, True),
             (ranges[colors.policy.range], True),

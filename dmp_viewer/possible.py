@@ -42,7 +42,8 @@ def possible_actions(workspace: Workspace) -> dict[str, bool]:
     }
     found |= dict.fromkeys(("play", "faster", "slower"), several)
     found |= dict.fromkeys(("view_front", "view_side", "view_top", "view_oblique"), has_mesh)
-    found |= dict.fromkeys(("reset_view", "edges", "smooth", "link", "z_up", "pick_vertex", "next_middle"), has_mesh)
+    found |= dict.fromkeys(("reset_view", "edges", "smooth", "link", "z_up", "orthographic"), has_mesh)
+    found |= dict.fromkeys(("pick_vertex", "next_middle"), has_mesh)
     found |= dict.fromkeys(("compare_run", "compare_filter"), has_mesh)
     found |= dict.fromkeys(("forget_other", "other_previous", "other_next"), has_other)
     found |= dict.fromkeys(("range_step", "range_run", "lock_range", "set_range", "outliers"), has_values)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +17,8 @@ from dmp.settings import Settings
 from dmp_viewer import remote, tasks
 from dmp_viewer.icons import icon
 from dmp_viewer.pace import Pace
-from dmp_viewer.queue_model import Queue, Waiting, save_queue, saved_queue
+from dmp_viewer.queue_file import QueueFile
+from dmp_viewer.queue_model import Queue, Waiting
 from dmp_viewer.runner import Outcome, Session
 from dmp_viewer.runs_entries import RunRow, row_of
 from dmp_viewer.states import RunnerState
@@ -26,6 +28,10 @@ from dmp_viewer.views.banner import Message
 if TYPE_CHECKING:
     from dmp_viewer.controller import Controller
     from dmp_viewer.model import Source
+
+
+_LOOK_MS = 2000
+_ANOTHERS = "The queue belongs to another window of this program. It can be changed there, or here once that one is closed."
 
 
 @dataclass
@@ -50,6 +56,10 @@ class QueueControl(QObject):
         self._workspace = controller.workspace
         self._view = controller.window.runs.queue
         self._is_kept = is_kept
+        self._file: QueueFile | None = None
+        # What waits in another window, which holds the queue now.
+        self._anothers: list[Waiting] | None = None
+        self._anothers_folders: list[Path] = []
         self._turn: _Turn | None = None
         self._was_stopped = False
         self.queue = Queue()
@@ -62,6 +72,12 @@ class QueueControl(QObject):
         controller.window.themeChanged.connect(self._draw)
         controller.runner.stateChanged.connect(self._on_runner_state_changed)
         controller.runner.finished.connect(self._on_runner_finished)
+        self._look = QTimer(self)
+        self._look.setInterval(_LOOK_MS)
+        self._look.timeout.connect(self.look_at_other_window)
+        if is_kept:
+            self._file = QueueFile(controller.runs.folder)
+            self._look.start()
         self._draw()
 
     def do(self, name: str) -> bool:
@@ -77,7 +93,7 @@ class QueueControl(QObject):
     def add_settings(self, settings: Settings) -> None:
         """Let a training of the open mesh wait; its run folder is made now, so that it cannot be lost."""
         source, controller = self._workspace.source, self._controller
-        if source is None:
+        if source is None or not self._take():
             return
         folder = controller.runs_folder
         loops = controller.hole_control.loops_to_fill() if settings.task == "complete" else None
@@ -90,6 +106,8 @@ class QueueControl(QObject):
 
     def add_run(self, row: RunRow, *, is_new: bool = False) -> None:
         """Let a run wait that has steps left."""
+        if not self._take():
+            return
         added = self.queue.add(Waiting(row.folder, row.title, row.settings_text, is_new or row.state == "waiting"))
         if added and self._controller.runner.state.is_active:
             # Whoever adds to what is going on wants it to go on.
@@ -103,29 +121,49 @@ class QueueControl(QObject):
 
     def offer_kept(self) -> None:
         """Bring back what waited when the window was closed, and say so."""
-        if not self._is_kept:
+        if self._file is None or not self._file.folders():
             return
-        folder = self._controller.runs.folder
+        if self._file.is_anothers:
+            self.look_at_other_window()
+        elif self._take():
+            self._offer("in the queue since last time")
 
-        def find() -> list[RunRow]:
-            found = []
-            for path in saved_queue(folder):
-                try:
-                    found.append(row_of(Run.open(path)))
-                except RunError:
-                    continue
-            return [row for row in found if row.can_be_continued]
+    def look_at_other_window(self) -> None:
+        """Show what waits in the window that holds the queue, and take it over when that one is closed."""
+        if self._file is None or self._file.is_ours:
+            return
+        folders = self._file.folders()
+        if not folders and self._anothers is None:
+            return
+        if self._file.is_anothers:
+            if self._anothers is None or folders != self._anothers_folders:
+                self._anothers, self._anothers_folders = _waiting(folders), folders
+                self._draw()
+        elif self._anothers is not None:
+            self._anothers = None
+            if folders and self._take():
+                self._offer("in the queue of the window that was closed")
+            self._draw()
 
-        def offer(rows: list[RunRow]) -> None:
-            for row in rows:
-                self.queue.add(Waiting(row.folder, row.title, row.settings_text, row.state == "waiting"))
-            if rows:
-                what = "1 training waits" if len(rows) == 1 else f"{len(rows)} trainings wait"
-                start = ("Start the queue", self._do_queue_go)
-                show = ("Show it", self._controller.window.show_runs)
-                self._controller.say(Message("info", f"{what} in the queue since last time.", action=start, other=show))
+    def _take(self) -> bool:
+        """Make the queue that of this window, with all that waits in it; says so when it is that of another window."""
+        if self._file is None or self._file.is_ours:
+            return True
+        if not self._file.take():
+            self._controller.say(Message("info", _ANOTHERS))
+            self.look_at_other_window()
+            return False
+        self._anothers = None
+        self.queue.restore(_waiting(self._file.folders()))
+        return True
 
-        self._controller.background.submit("", find, offer, lambda error: self._controller.tell_error(error, "The queue"))
+    def _offer(self, where: str) -> None:
+        count = len(self.queue.items)
+        if count:
+            what = "1 training waits" if count == 1 else f"{count} trainings wait"
+            start = ("Start the queue", self._do_queue_go)
+            show = ("Show it", self._controller.window.show_runs)
+            self._controller.say(Message("info", f"{what} {where}.", action=start, other=show))
 
     def may_close(self) -> bool:
         """Tell, after a question when trainings wait, whether the window may close."""
@@ -139,6 +177,12 @@ class QueueControl(QObject):
     def close(self) -> None:
         """Begin nothing any more."""
         self.queue.set_on(False)
+
+    def release(self) -> None:
+        """Leave the queue to other windows, at the end of this one."""
+        self._look.stop()
+        if self._file is not None:
+            self._file.release()
 
     # -- one after another --------------------------------------------------------------------------------------------
 
@@ -210,6 +254,8 @@ class QueueControl(QObject):
         self.add_settings(settings)
 
     def _do_queue_go(self) -> None:
+        if not self._take():
+            return
         self.queue.set_on(not self.queue.is_on)
         if self.queue.is_on and not self._controller.opener.is_opening:
             self._begin_next()
@@ -241,12 +287,17 @@ class QueueControl(QObject):
     # -- drawing ------------------------------------------------------------------------------------------------------
 
     def _on_changed(self) -> None:
-        if self._is_kept:
-            save_queue(self._controller.runs.folder, self.queue.items)
+        if self._file is not None and self._file.is_ours:
+            self._file.save(self.queue.items)
+            if not self.queue.items and not self.queue.is_on:
+                self._file.release()
         self._draw()
 
     def _draw(self) -> None:
-        self._view.set_items(self.queue.items, self._status())
+        if self._anothers is None:
+            self._view.set_items(self.queue.items, self._status())
+        else:
+            self._view.set_items(self._anothers, "in another window", note=_ANOTHERS)
         self.draw_possible()
 
     def _status(self) -> str:
@@ -271,6 +322,19 @@ class QueueControl(QObject):
         actions["queue_up"].setEnabled(place is not None and place > 0)
         actions["queue_down"].setEnabled(place is not None and place < len(folders) - 1)
         actions["queue_remove"].setEnabled(place is not None)
+
+
+def _waiting(folders: Sequence[Path]) -> list[Waiting]:
+    """Return what waits in folders; without those that cannot be read or have no steps left."""
+    found = []
+    for folder in folders:
+        try:
+            row = row_of(Run.open(folder))
+        except RunError:
+            continue
+        if row.can_be_continued:
+            found.append(Waiting(row.folder, row.title, row.settings_text, row.state == "waiting"))
+    return found
 
 
 def _remove_unbegun(folder: Path) -> None:

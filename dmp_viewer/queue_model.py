@@ -69,6 +69,14 @@ class Queue:
         self.changed.emit()
         return True
 
+    def restore(self, items: Sequence[Waiting]) -> None:
+        """Bring back what waited before, in front of what waits already."""
+        known = {item.folder for item in self.items}
+        found = [item for item in items if item.folder not in known]
+        if found:
+            self.items = [*found, *self.items]
+            self.changed.emit()
+
     def remove(self, *folders: Path) -> None:
         """Let trainings wait no longer."""
         kept = [item for item in self.items if item.folder not in folders]

@@ -40,6 +40,9 @@ class Preferences:
         edges: draw the edges of the triangles.
         shading: ``flat`` or ``smooth``.
         up: the axis that points up, ``y`` or ``z``.
+        orthographic: draw the meshes without perspective.
+        keys: keys that are others than those of the table of actions, by name of the action; a person writes them, so
+            :func:`dmp_viewer.keys.bindings` looks what can be used.
         log_axis: logarithmic axis of the curve.
         smoothing: strength of the curve's smoothing; 0 by default, because the prediction is an average over steps already, and
             a smoothed line has its minimum too late.
@@ -64,6 +67,8 @@ class Preferences:
     edges: bool = False
     shading: str = "flat"
     up: str = "y"
+    orthographic: bool = False
+    keys: dict[str, Any] = field(default_factory=dict)
     log_axis: bool = True
     smoothing: float = 0.0
     show_panel: bool = True

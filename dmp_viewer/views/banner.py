@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from qtpy.QtCore import Qt
+from qtpy.QtCore import QEvent, Qt, Signal
 from qtpy.QtGui import QColor, QPalette
 from qtpy.QtWidgets import (
     QApplication,
@@ -122,7 +122,13 @@ class Banner(QFrame):
 
 
 class BannerArea(QWidget):
-    """The place of the messages, above the meshes; empty most of the time."""
+    """The place of the messages, above the meshes; empty most of the time.
+
+    Signals:
+        heightChanging: messages come or go; what lies below gets its new height right after this.
+    """
+
+    heightChanging = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -143,6 +149,7 @@ class BannerArea(QWidget):
         banner = Banner(message, self)
         banner.set_theme(self._theme)
         self._layout.addWidget(banner)
+        self.heightChanging.emit()
         banner.show()
 
     def banners(self) -> list[Banner]:
@@ -159,6 +166,12 @@ class BannerArea(QWidget):
         for banner in self.banners():
             if not kinds or banner.message.kind in kinds:
                 banner.dismiss()
+
+    def event(self, event: QEvent) -> bool:
+        """Tell before a message that goes, or has more to say, changes the height."""
+        if event.type() == QEvent.Type.LayoutRequest:
+            self.heightChanging.emit()
+        return super().event(event)
 
     def set_theme(self, theme: Theme) -> None:
         """Take the colours of a theme."""

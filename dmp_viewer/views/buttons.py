@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from qtpy.QtCore import Qt
-from qtpy.QtGui import QAction
+from qtpy.QtGui import QAction, QKeySequence
 from qtpy.QtWidgets import QPushButton, QToolButton
 
 
@@ -17,6 +17,12 @@ def tool_button(action: QAction, *, with_text: bool = False) -> QToolButton:
     style = Qt.ToolButtonStyle.ToolButtonTextBesideIcon if with_text else Qt.ToolButtonStyle.ToolButtonIconOnly
     button.setToolButtonStyle(style)
     return button
+
+
+def with_key(text: str, action: QAction) -> str:
+    """Return a text with the key of an action in brackets, when it has one."""
+    key = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
+    return f"{text} ({key})" if key else text
 
 
 def follow_action(button: QPushButton, action: QAction) -> None:

@@ -90,6 +90,8 @@ class CurveLegend(QScrollArea):
         """List other measures, each with its unit."""
         for widget in (*self._buttons.values(), *self._values.values(), *self._other_values.values()):
             self._grid.removeWidget(widget)
+            # Until the event loop deletes it, it would be seen behind its successor.
+            widget.hide()
             widget.deleteLater()
         self._buttons, self._values, self._other_values = {}, {}, {}
         for row, (name, unit) in enumerate(units.items()):

@@ -21,6 +21,7 @@ from dmp_viewer.views.log_axis import LogAxis
 _HINT = "Click to show the nearest snapshot. Wheel and drag: look closer. Double click: see everything."
 _MARKS = ("kept", "suggested", "held_out", "best")
 _NEAR_PIXELS = 6.0
+_MARKS_Z = 20
 # A second run has circles on its lines, this many at most, so that nobody has to tell shades apart.
 _MOST_CIRCLES = 16
 
@@ -66,14 +67,14 @@ class CurvePlot(pg.PlotWidget):
         self._degrees.setXLink(self.getPlotItem())
         box.sigResized.connect(self.align_views)
         box.sigResized.connect(self._make_headroom)
-        self._shown_line = pg.InfiniteLine(angle=90, movable=False)
-        self._hover_line = pg.InfiniteLine(angle=90, movable=False)
+        box.sigXRangeChanged.connect(lambda *_: self._arrange_names())
+        self._shown_line = _MarkLine(angle=90, movable=False)
+        self._hover_line = _MarkLine(angle=90, movable=False)
         self._marks = {
-            name: pg.InfiniteLine(angle=90, movable=False, label=name, labelOpts={"anchors": [(0, 0.5), (1, 0.5)]})
-            for name in _MARKS
+            name: _MarkLine(angle=90, movable=False, label=name, labelOpts={"anchors": [(0, 0.5), (1, 0.5)]}) for name in _MARKS
         }
         for line in (*self._marks.values(), self._shown_line, self._hover_line):
-            line.setZValue(20)
+            line.setZValue(_MARKS_Z - 1)
             line.hide()
             self.addItem(line, ignoreBounds=True)
         self.scene().sigMouseMoved.connect(self._on_mouse_moved)
@@ -149,7 +150,8 @@ class CurvePlot(pg.PlotWidget):
             line = pg.InfiniteLine(
                 pos=math.log10(reference.value) if logarithmic else reference.value, angle=0, movable=False,
                 pen=pg.mkPen(color, width=1, style=Qt.PenStyle.DotLine),
-                label=reference.label, labelOpts={"position": 0.02, "anchors": [(0, 1), (0, 1)], "color": color},
+                label=reference.label,
+                labelOpts={"position": 0.02, "anchors": [(0, 1), (0, 1)], "color": color, "fill": _faded(self._theme.base)},
             )  # fmt: skip
             line.setZValue(10)
             self.addItem(line)
@@ -215,12 +217,33 @@ class CurvePlot(pg.PlotWidget):
         """Give the names of the markers one line each above the curves, however high the plot is."""
         box = self.getViewBox()
         height = max(1.0, box.height())
-        line = self.fontMetrics().height() - 1
-        shown = [mark for mark in self._marks.values() if mark.isVisible()]
-        box.headroom = min(0.8, len(shown) * line / max(1.0, height - len(shown) * line))
-        for row, mark in enumerate(shown):
-            mark.label.setPosition(1 - (row + 0.5) * line / height)
+        line = self._name_height()
+        count = sum(mark.isVisible() for mark in self._marks.values())
+        box.headroom = min(0.8, count * line / max(1.0, height - count * line))
+        self._arrange_names()
         box.updateAutoRange()
+
+    def _arrange_names(self) -> None:
+        """Put the names in such an order that no line runs through the name of another.
+
+        A line ends at its own name, and those without a name end below all names. Names stand at the right of their lines in
+        the left half and at the left in the right half, so each is written above those of the lines that it could reach.
+        """
+        box = self.getViewBox()
+        line, height = self._name_height(), max(1.0, box.height())
+        middle = sum(box.viewRange()[0]) / 2
+        shown = [mark for mark in self._marks.values() if mark.isVisible()]
+        shown.sort(key=lambda mark: (mark.value() > middle, abs(middle - mark.value()) * -1))
+        for other in (self._shown_line, self._hover_line):
+            other.end_at(max(0.1, 1 - len(shown) * line / height))
+        for row, mark in enumerate(shown):
+            top = max(0.1, 1 - row * line / height)
+            mark.end_at(top)
+            mark.setZValue(_MARKS_Z + row)
+            mark.label.setPosition((1 - (row + 0.5) * line / height) / top)
+
+    def _name_height(self) -> int:
+        return self.fontMetrics().height() - 1
 
     # -- steps --------------------------------------------------------------------------------------------------------
 
@@ -318,6 +341,25 @@ class _RoomyViewBox(pg.ViewBox):
         if y_range is not None:
             y_range = [y_range[0], y_range[1] + self.headroom * (y_range[1] - y_range[0])]
         return [x_range, y_range]
+
+
+class _MarkLine(pg.InfiniteLine):
+    """An upright line that can end below the upper edge."""
+
+    def end_at(self, share: float) -> None:
+        """End at a share of the height; the place of the label counts from the lower edge to this end."""
+        self.setSpan(0.0, share)
+        # The line would keep the rectangle of its former length.
+        self._boundingRect = None
+        self.prepareGeometryChange()
+        self.boundingRect()
+
+
+def _faded(color: str) -> QColor:
+    """Return the colour of the ground under a name: lines below it are seen faintly."""
+    faded = QColor(color)
+    faded.setAlphaF(0.75)
+    return faded
 
 
 def _place(line: pg.InfiniteLine, step: float | None) -> None:

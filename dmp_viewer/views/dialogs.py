@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from qtpy.QtCore import Qt
@@ -20,8 +21,8 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-from dmp_viewer.actions import keys_table
 from dmp_viewer.arguments import version_text
+from dmp_viewer.keys import key_text, keys_table
 
 
 def mesh_filter(suffixes: tuple[str, ...]) -> str:
@@ -67,18 +68,25 @@ def confirm(parent: QWidget, text: str, details: str, accept: str) -> bool:
     box.setInformativeText(details)
     yes = box.addButton(accept, QMessageBox.ButtonRole.AcceptRole)
     cancel = box.addButton(QMessageBox.StandardButton.Cancel)
+    cancel.setIcon(QIcon())
     box.setDefaultButton(cancel)
     box.exec()
     return box.clickedButton() is yes
 
 
 class KeysDialog(QDialog):
-    """All keys in one list; it does not block the window, so that they can be tried while it is open."""
+    """All keys in one list; it does not block the window, so that they can be tried while it is open.
 
-    def __init__(self, parent: QWidget) -> None:
+    Args:
+        parent: the window.
+        keys: key of each action, by name.
+    """
+
+    def __init__(self, parent: QWidget, keys: Mapping[str, str]) -> None:
         super().__init__(parent)
         self.setWindowTitle("Keys")
-        rows = keys_table()
+        rows = keys_table(keys)
+        flip = key_text(keys.get("flip", ""))
         mouse = [
             ("View", "Turn all meshes", "Drag"),
             ("View", "Move", "Shift+drag, or middle button"),
@@ -86,7 +94,7 @@ class KeysDialog(QDialog):
             ("View", "Pick a vertex", "Click"),
             ("View", "Move the swipe line; the lens follows the mouse", "Drag"),
             ("View", "Type the range of the colours", "Double click on the colours"),
-            ("View", "Show the input for a moment", "Hold A"),
+            *([("View", "Show the input for a moment", f"Hold {flip}")] if flip else []),
             ("Timeline", "Why a step is marked", "Rest on its mark"),
             ("Runs", "Open, rename, move to the trash", "Enter, F2, Delete"),
             ("Runs", "What else can be done", "Right click, or Menu key"),

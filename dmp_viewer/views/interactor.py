@@ -21,7 +21,7 @@ from typing import Any
 
 from pyvistaqt import QtInteractor
 from qtpy.QtCore import QPoint, Qt, Signal
-from qtpy.QtGui import QKeyEvent, QMouseEvent
+from qtpy.QtGui import QKeyEvent, QMouseEvent, QResizeEvent
 from qtpy.QtWidgets import QWidget
 from qtpy.shiboken import invalidate
 
@@ -55,6 +55,7 @@ class Interactor(QtInteractor):
         self.reset_key_events()
         self._marked: set[int] = set()
         self._pressed: QPoint | None = None
+        self._is_resizing = False
         # Rendering on each mouse move would draw twice; the move asks for a paint instead.
         self._Iren.EnableRenderOff()
         self._render_observer = self._Iren.AddObserver("RenderEvent", self._on_interaction)
@@ -77,8 +78,19 @@ class Interactor(QtInteractor):
             # window goes first, so the connection must not hang on it.
             self._ctx.aboutToBeDestroyed.connect(partial(invalidate, self._surface))
 
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Take another size; Qt would paint at once, and once more with the rest of the window."""
+        self._is_resizing = True
+        try:
+            super().resizeEvent(event)
+        finally:
+            self._is_resizing = False
+        self.mark()
+
     def paintGL(self) -> None:
         """Draw the marked panes; all of them when the paint has another cause, such as a new size."""
+        if self._is_resizing:
+            return
         drawn = self._marked or set(range(N_PANES))
         self._marked = set()
         for index, renderer in enumerate(self.renderers):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
 from qtpy.QtCore import QByteArray, QEvent, QObject, QPoint, QSize, Qt, Signal
-from qtpy.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QKeyEvent
+from qtpy.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QKeyEvent, QKeySequence
 from qtpy.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
@@ -40,6 +40,7 @@ from dmp_viewer.views.interactor import Interactor
 from dmp_viewer.views.mesh_panes import MeshPanes
 from dmp_viewer.views.other_timeline import OtherTimeline
 from dmp_viewer.views.picked_bar import PickedBar
+from dmp_viewer.views.rows import Rows
 from dmp_viewer.views.run_panel import RunPanel
 from dmp_viewer.views.runs_dock import RunsDock
 from dmp_viewer.views.start_page import StartPage
@@ -67,7 +68,12 @@ class MainWindow(QMainWindow):
     recentChosen = Signal(str)
 
     def __init__(
-        self, *, multi_samples: int = 0, tasks: tuple[str, ...] = ("denoise",), devices: tuple[tuple[str, str], ...] = ()
+        self,
+        *,
+        multi_samples: int = 0,
+        tasks: tuple[str, ...] = ("denoise",),
+        devices: tuple[tuple[str, str], ...] = (),
+        keys: Mapping[str, str] | None = None,
     ) -> None:
         super().__init__()
         self.setWindowTitle("dmp-viewer")
@@ -80,7 +86,8 @@ class MainWindow(QMainWindow):
         self.resize(QSize(1400, 880).boundedTo(available))
         # Asked before the window closes; the controller ends the training in it.
         self.close_guard: Callable[[], bool] = lambda: True
-        self.named_actions = build(self, {spec.name: partial(self.actionTriggered.emit, spec.name) for spec in ACTIONS})
+        handlers: dict[str, Callable[[], None]] = {spec.name: partial(self.actionTriggered.emit, spec.name) for spec in ACTIONS}
+        self.named_actions = build(self, handlers, keys)
         self._menus = fill_menu_bar(self.menuBar(), self.named_actions)
         self._add_open_menus()
         self._parts(multi_samples, tasks, devices)
@@ -100,6 +107,8 @@ class MainWindow(QMainWindow):
     def set_has_mesh(self, has_mesh: bool) -> None:
         """Show the workspace, or the start page while nothing is open."""
         self._stack.setCurrentIndex(1 if has_mesh else 0)
+        # On the start page nobody knows yet what it is about.
+        self._pace.setVisible(has_mesh)
 
     def set_samples(self, samples: Sequence[tuple[str, str, str]]) -> None:
         """Offer samples in the menu and on the start page: (name, title, description)."""
@@ -170,6 +179,10 @@ class MainWindow(QMainWindow):
         """Return a menu by its name; that of a submenu is ``menu/text``."""
         return self._menus[name]
 
+    def keys(self) -> dict[str, str]:
+        """Return the key of each action, by name."""
+        return {name: QKeySequence.listToString(action.shortcuts()) for name, action in self.named_actions.items()}
+
     # -- layout -------------------------------------------------------------------------------------------------------
 
     def layout_state(self) -> tuple[str, dict[str, list[int]]]:
@@ -233,11 +246,7 @@ class MainWindow(QMainWindow):
         view_layout.addWidget(self.color_bar)
         view_layout.addWidget(self.timeline)
         view_layout.addWidget(self.other_timeline)
-        rows = QSplitter(Qt.Orientation.Vertical)
-        rows.addWidget(view)
-        rows.addWidget(self.curve)
-        rows.setStretchFactor(0, 3)
-        rows.setStretchFactor(1, 1)
+        rows = Rows(view, self.curve)
         rows.setSizes(_FIRST_SIZES["rows"])
         columns = QSplitter(Qt.Orientation.Horizontal)
         columns.addWidget(rows)
@@ -249,6 +258,7 @@ class MainWindow(QMainWindow):
             splitter.setChildrenCollapsible(False)
             splitter.setHandleWidth(5)
         self._splitters = {"rows": rows, "columns": columns}
+        self.banners.heightChanging.connect(rows.keep_upper)
         # Rows that come and go take their room from the curve, so that the meshes stay where they are.
         self._passing_rows = (self.picked, self.other_timeline)
         self._room: dict[QWidget, int] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,7 @@ class MeshPanes(QWidget):
         self._fitted_state: tuple[tuple[float, ...], ...] = ()
         self._up: UpAxis = "y"
         self._linked = True
+        self._orthographic = False
         self._edges = False
         self._make_outlines()
         self._marks = [PointMark(renderer) for renderer in self.interactor.renderers]
@@ -240,6 +242,20 @@ class MeshPanes(QWidget):
             self._up = axis
             self.reset_view()
 
+    def set_orthographic(self, orthographic: bool) -> None:
+        """Draw without perspective, or with it; what is looked at keeps its place and size."""
+        if orthographic == self._orthographic:
+            return
+        self._orthographic = orthographic
+        was_fitted = self._is_as_fitted()
+        for item in self._cameras():
+            camera.set_orthographic(item, orthographic)
+        for renderer in self.interactor.renderers:
+            _never_clip(renderer)
+        if was_fitted:
+            self.fit_view()
+        self.interactor.mark()
+
     def fit_view(self) -> None:
         """Bring the whole mesh into all panes without turning it."""
         visible = [pane.coordinates for pane, there in zip(self._panes, self._has_positions, strict=False) if there]
@@ -248,7 +264,8 @@ class MeshPanes(QWidget):
                 width, height = max(1, self.interactor.width() / N_PANES), max(1, self.interactor.height())
                 camera.fit(renderer.GetActiveCamera(), visible[0], width / height)
             _never_clip(renderer)
-        self._fitted_state = self.camera_state()
+        height = camera.half_height(self.interactor.renderers[0].GetActiveCamera())
+        self._fitted_state = (*self.camera_state(), (height,))
         self.interactor.mark()
 
     def look_at(self, centre: FloatArray, direction: FloatArray | None, size: float) -> None:
@@ -317,12 +334,22 @@ class MeshPanes(QWidget):
         first = self.interactor.renderers[0].GetActiveCamera()
         return first.GetPosition(), first.GetFocalPoint(), first.GetViewUp()
 
+    def _is_as_fitted(self) -> bool:
+        """Tell whether nobody has turned, moved or zoomed the view since it was fitted."""
+        height = camera.half_height(self.interactor.renderers[0].GetActiveCamera())
+        return bool(self._panes) and (*self.camera_state(), (height,)) == self._fitted_state
+
     def viewpoints(self) -> tuple[Viewpoint, ...]:
         """Return from where each pane is seen, in units of the view."""
-        cameras = (renderer.GetActiveCamera() for renderer in self.interactor.renderers)
-        return tuple(
-            Viewpoint(item.GetPosition(), item.GetFocalPoint(), item.GetViewUp(), item.GetViewAngle()) for item in cameras
-        )
+        return tuple(camera.viewpoint_of(renderer.GetActiveCamera()) for renderer in self.interactor.renderers)
+
+    def _cameras(self) -> list[Any]:
+        """Return the cameras, each once: linked panes share one."""
+        found: list[Any] = []
+        for renderer in self.interactor.renderers:
+            if renderer.GetActiveCamera() not in found:
+                found.append(renderer.GetActiveCamera())
+        return found
 
     @property
     def pane_aspect(self) -> float:
@@ -393,7 +420,7 @@ class MeshPanes(QWidget):
         self.handle.set_area(self._pane_area())
         self._apply_cut()
         # A view that nobody has turned since it was fitted stays fitted.
-        if self._panes and self.camera_state() == self._fitted_state:
+        if self._is_as_fitted():
             self.fit_view()
 
     def _pane_area(self) -> QRect:

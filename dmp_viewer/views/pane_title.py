@@ -25,13 +25,15 @@ class PaneTitle(QWidget):
         self._title.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self._facts.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         for label in (self._title, self._facts):
-            label.setAlignment(Qt.AlignmentFlag.AlignHCenter)
+            label.setAlignment(Qt.AlignmentFlag.AlignCenter)
             label.setTextFormat(Qt.TextFormat.PlainText)
         self._button.setAutoRaise(True)
         self._button.setFont(font)
         self._button.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextOnly)
         self._button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
         self._button.setFixedHeight(self._title.fontMetrics().height() + 4)
+        # As high as the button, so that all names stand on one line.
+        self._title.setFixedHeight(self._button.height())
         self._button.hide()
         head = QHBoxLayout()
         head.setContentsMargins(0, 0, 0, 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qtpy.QtGui import QDoubleValidator
+from qtpy.QtGui import QDoubleValidator, QIcon
 from qtpy.QtWidgets import (
     QDialog,
     QDialogButtonBox,
@@ -75,5 +75,13 @@ def ask_range(parent: QWidget, low: float, high: float, unit: str) -> tuple[floa
 def ask_vertex(parent: QWidget, n_vertices: int, proposal: int) -> int | None:
     """Let the user type the number of a vertex; None when none was chosen."""
     text = f"Number of the vertex, 0 to {n_vertices - 1:,}:"
-    index, chosen = QInputDialog.getInt(parent, "Pick a vertex", text, proposal, 0, n_vertices - 1)
-    return index if chosen else None
+    dialog = QInputDialog(parent)
+    dialog.setWindowTitle("Pick a vertex")
+    dialog.setLabelText(text)
+    dialog.setInputMode(QInputDialog.InputMode.IntInput)
+    dialog.setIntRange(0, n_vertices - 1)
+    dialog.setIntValue(proposal)
+    dialog.setOkButtonText("Pick")
+    for button in dialog.findChildren(QPushButton):
+        button.setIcon(QIcon())
+    return dialog.intValue() if dialog.exec() else None

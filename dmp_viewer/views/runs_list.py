@@ -129,10 +129,10 @@ class _Painter(QStyledItemDelegate):
         top = lines[2].top() + (lines[2].height() - _SIGN) // 2
         painter.drawPixmap(QPoint(lines[2].left(), top), pixmap(_SIGNS[row.state], ink, _SIGN, ratio))
         is_shown = row.folder == self.shown
-        state = f"{row.state_text}  ·  on show" if is_shown else row.state_text
-        _write(painter, lines[2].adjusted(_SIGN + 5, 0, 0, 0), state, option.font, ink)
+        _write(painter, lines[2].adjusted(_SIGN + 5, 0, 0, 0), row.state_text, option.font, ink)
         if is_shown:
             painter.fillRect(QRect(area.left(), area.top(), 4, area.height()), ink if is_selected else QColor(theme.accent))
+            self._draw_badge(painter, "On show", option, area)
         painter.setPen(QPen(QColor(theme.line), 1))
         painter.drawLine(area.bottomLeft(), area.bottomRight())
         if has_focus:
@@ -149,6 +149,14 @@ class _Painter(QStyledItemDelegate):
         image = self._picture(row)
         if image is not None:
             painter.drawImage(frame.adjusted(2, 2, -2, -2), image)
+
+    def _draw_badge(self, painter: QPainter, text: str, option: QStyleOptionViewItem, area: QRect) -> None:
+        """Write something on the lower edge of the picture."""
+        height = option.fontMetrics.height()
+        bottom = area.top() + (area.height() + HEIGHT) // 2
+        badge = QRect(area.left() + _MARGIN, bottom - height, WIDTH + 1, height + 1)
+        painter.fillRect(badge, QColor(self.theme.accent))
+        _write(painter, badge, text, option.font, QColor(self.theme.on_accent), align=Qt.AlignmentFlag.AlignHCenter)
 
     def _lines(self, option: QStyleOptionViewItem) -> list[QRect]:
         height = option.fontMetrics.lineSpacing() + 2

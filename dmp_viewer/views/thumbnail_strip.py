@@ -75,8 +75,13 @@ class ThumbnailStrip(QWidget):
         room = max(1, self.width() // (PICTURE.width() + _GAP))
         # 1, 2, 3, 4, 6, 8, 12, 16, …: each but the first is a multiple of the one before the last.
         strides = (1, *(factor << power for power in range(30) for factor in (2, 3)))
-        stride = next(stride for stride in strides if -(-count // stride) <= room)
-        return list(range(0, count, stride))
+        fitting = [range(0, count, stride) for stride in strides if -(-count // stride) <= room]
+        # The picture at an end stands further in than its step, which takes room from its neighbour.
+        return list(next((found for found in fitting if len(found) <= 2 or not self._overlap(found)), fitting[0]))
+
+    def _overlap(self, indices: range) -> bool:
+        ends = ((indices[0], indices[1]), (indices[-2], indices[-1]))
+        return any(self._place(after).left() - self._place(before).right() < 2 for before, after in ends)
 
     def missing(self) -> list[int]:
         """Return the steps whose pictures are missing."""

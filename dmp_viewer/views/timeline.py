@@ -10,7 +10,7 @@ from qtpy.QtWidgets import QComboBox, QHBoxLayout, QLabel, QPushButton, QSizePol
 
 from dmp_viewer.step_mark import StepMark
 from dmp_viewer.theme import LIGHT, Theme
-from dmp_viewer.views.buttons import follow_action, tool_button
+from dmp_viewer.views.buttons import follow_action, tool_button, with_key
 from dmp_viewer.views.snapshot_slider import SliderMark, SnapshotSlider
 from dmp_viewer.views.thumbnail_strip import ThumbnailStrip
 
@@ -49,8 +49,8 @@ class Timeline(QWidget):
         self._speed.setCurrentIndex(SPEEDS.index(_USUAL_SPEED))
         self._speed.setAccessibleName("Speed of playing")
         self._speed.setToolTip(
-            f"Snapshots per second when playing. Faster: {actions['faster'].shortcut().toString()}, "
-            f"slower: {actions['slower'].shortcut().toString()}."
+            f"Snapshots per second when playing. The menu Step has {with_key('Play faster', actions['faster'])} "
+            f"and {with_key('Play slower', actions['slower'])}."
         )
         self._speed.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self._speed.activated.connect(lambda _index: self.speedChosen.emit(self._speed.currentData()))

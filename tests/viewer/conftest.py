@@ -20,7 +20,7 @@ from dmp.problem import Problem, denoising
 from dmp.settings import Settings, settings_for
 from dmp.shapes.alterations import with_holes
 from dmp.snapshot import Snapshot, StepRecord
-from dmp_viewer import actions, startup
+from dmp_viewer import actions, keys, startup
 from dmp_viewer.app import make_application
 from dmp_viewer.controller import Controller
 from dmp_viewer.settings import Preferences
@@ -139,10 +139,10 @@ def make_viewer(qtbot: QtBot, tmp_path: Path) -> Iterator[Callable[..., Controll
     made: list[Controller] = []
 
     def make(preferences: Preferences | None = None, *, width: int = 1000, height: int = 700, show: bool = True) -> Controller:
-        window = MainWindow(multi_samples=0, tasks=TASKS)
+        remembered = preferences or Preferences(theme="light")
+        window = MainWindow(multi_samples=0, tasks=TASKS, keys=keys.bindings(remembered.keys).keys)
         window.resize(width, height)
-        path = tmp_path / "window.json"
-        controller = Controller(window, preferences or Preferences(theme="light"), path, runs_folder=tmp_path / "runs")
+        controller = Controller(window, remembered, tmp_path / "window.json", runs_folder=tmp_path / "runs")
         controller.window.panel.set_settings(quick_settings())
         made.append(controller)
         if show:
@@ -161,6 +161,7 @@ def make_viewer(qtbot: QtBot, tmp_path: Path) -> Iterator[Callable[..., Controll
         controller.runs.close()
         controller.comparing.close()
         controller.presenter.close()
+        controller.queue.release()
         controller.window.close()
         controller.window.deleteLater()
     QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)

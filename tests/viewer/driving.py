@@ -23,7 +23,7 @@ def trigger(viewer: Controller, name: str) -> None:
 
 def open_files(viewer: Controller, mesh: Path, truth: Path | None = None) -> None:
     viewer.opener.open_path(mesh, truth)
-    assert viewer.background.wait(20)
+    assert viewer.background.wait(60)
     viewer.presenter.flush()
 
 

@@ -6,8 +6,11 @@ from pytestqt.qtbot import QtBot
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication, QPushButton, QWidget
 
+from dmp_viewer.controller import Controller
 from dmp_viewer.theme import DARK, LIGHT
 from dmp_viewer.views.banner import BannerArea, Message
+from tests.viewer.conftest import FakeRun
+from tests.viewer.driving import show_fake, trigger
 
 
 def test_messages_are_counted_limited_and_dismissed(qtbot: QtBot) -> None:
@@ -54,3 +57,48 @@ def test_an_action_is_done_once(qtbot: QtBot) -> None:
     qtbot.mouseClick(button, Qt.MouseButton.LeftButton)
     assert done == [1]
     assert area.texts() == []
+
+
+def test_a_message_takes_its_room_from_the_curve(viewer: Controller, trained_run: FakeRun, qtbot: QtBot) -> None:
+    show_fake(viewer, trained_run)
+    window, drawn = viewer.window, list[object]()
+    window.resize(1200, 900)
+    qtbot.wait(100)
+    view, curve = window.panes.interactor, window.curve
+    sizes, height = view.size(), curve.height()
+    place = view.mapTo(window, view.rect().topLeft())
+    view.painted.connect(drawn.append)
+    window.banners.show_message(Message("success", "Ready."))
+    qtbot.waitUntil(lambda: view.mapTo(window, view.rect().topLeft()) != place)
+    qtbot.wait(50)
+    assert view.size() == sizes
+    assert curve.height() < height
+    window.banners.clear()
+    qtbot.waitUntil(lambda: view.mapTo(window, view.rect().topLeft()) == place)
+    qtbot.wait(50)
+    assert (view.size(), curve.height()) == (sizes, height)
+    # Meshes that keep their size are not drawn anew, which takes a tenth of a second.
+    assert drawn == []
+
+
+def test_without_a_curve_the_meshes_make_room(viewer: Controller, trained_run: FakeRun, qtbot: QtBot) -> None:
+    show_fake(viewer, trained_run)
+    trigger(viewer, "show_curve")
+    qtbot.wait(50)
+    view = viewer.window.panes.interactor
+    height = view.height()
+    viewer.window.banners.show_message(Message("success", "Ready."))
+    qtbot.waitUntil(lambda: view.height() < height)
+    viewer.window.banners.clear()
+    qtbot.waitUntil(lambda: view.height() == height)
+
+
+def test_meshes_of_another_size_are_drawn_once(viewer: Controller, trained_run: FakeRun, qtbot: QtBot) -> None:
+    show_fake(viewer, trained_run)
+    qtbot.wait(50)
+    view, drawn = viewer.window.panes.interactor, list[object]()
+    view.painted.connect(drawn.append)
+    viewer.window.resize(viewer.window.width() + 100, viewer.window.height())
+    qtbot.waitUntil(lambda: bool(drawn))
+    qtbot.wait(50)
+    assert drawn == [{0, 1, 2}]

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from pytestqt.qtbot import QtBot
-from qtpy.QtCore import QEvent, Qt
+from qtpy.QtCore import QEvent, QPointF, Qt
 from qtpy.QtGui import QImage
 from qtpy.QtWidgets import QApplication, QWidget
 
@@ -51,6 +51,28 @@ def test_the_empty_curve_explains_itself(curve: CurvePanel) -> None:
     curve.set_curve(Curve(), None)
     texts = [label.text() for label in curve.findChildren(QWidget) if label.isVisible() and hasattr(label, "text")]
     assert any("held-out error" in str(text).lower() for text in texts)
+
+
+@pytest.mark.parametrize("steps", [(2, 3, 4), (4, 3, 2), (16, 17, 19), (19, 17, 16), (3, 18, 17), (0, 20, 20)])
+def test_no_line_runs_through_the_name_of_a_marked_step(curve: CurvePanel, qtbot: QtBot, steps: tuple[int, ...]) -> None:
+    curve.set_curve(Curve(ROWS), settings_for())
+    names = ("kept", "suggested", "best")
+    curve.set_marks([StepMark(name, step, name, "Why.") for name, step in zip(names, steps, strict=True)], "")
+    curve.set_shown_step(steps[0] + 1)
+    qtbot.wait(20)
+    plot = curve.plot
+    lines = [plot._marks[name] for name in names]
+    letters = plot.fontMetrics().height() - 4
+    for mark in lines:
+        name = mark.label.mapRectToScene(mark.label.boundingRect())
+        for line in (*lines, plot._shown_line):
+            if line is mark:
+                continue
+            x = plot.getViewBox().mapViewToScene(QPointF(line.value(), 0.0)).x()
+            top = line.mapRectToScene(line.boundingRect()).top()
+            if name.left() + 4 < x < name.right() - 4:
+                assert top > name.center().y() + letters / 2 - 4, (steps, mark.label.format)
+        assert name.center().y() > plot.getViewBox().sceneBoundingRect().top()
 
 
 def test_the_legend_tells_the_values_of_the_shown_step(curve: CurvePanel) -> None:

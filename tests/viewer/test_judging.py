@@ -161,6 +161,40 @@ def test_a_held_key_shows_the_input_only_as_long_as_it_is_held(
     assert not comparison.flipped
 
 
+def test_a_key_is_watched_only_while_it_is_down(judged: Controller, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dmp_viewer.views.held_key._LONG_SECONDS", 0.0)
+    with qtbot.waitActive(judged.window):
+        judged.window.activateWindow()
+    view, key, comparison = judged.window.panes.interactor, judged.judging.flip_key, judged.workspace.comparison
+    view.setFocus()
+    trigger(judged, "flip")  # as from the menu: no key is down
+    assert not key.is_watching
+    assert comparison.flipped
+    trigger(judged, "flip")
+    qtbot.keyPress(view, Qt.Key.Key_A)
+    assert key.is_watching
+    qtbot.keyClick(view, Qt.Key.Key_X)  # another key comes up, this one stays down
+    assert key.is_watching
+    assert comparison.flipped
+    qtbot.keyRelease(view, Qt.Key.Key_A)
+    assert not key.is_watching
+    assert not comparison.flipped
+
+
+def test_a_held_key_ends_when_the_keyboard_goes_to_another_window(
+    judged: Controller, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("dmp_viewer.views.held_key._LONG_SECONDS", 0.0)
+    with qtbot.waitActive(judged.window):
+        judged.window.activateWindow()
+    judged.window.panes.interactor.setFocus()
+    qtbot.keyPress(judged.window.panes.interactor, Qt.Key.Key_A)
+    assert judged.workspace.comparison.flipped
+    QApplication.instance().focusWindowChanged.emit(None)
+    assert not judged.judging.flip_key.is_watching
+    assert not judged.workspace.comparison.flipped
+
+
 def test_swiping_shows_the_input_left_of_the_line(judged: Controller, qtbot: QtBot) -> None:
     predicted, given = pane_pixels(judged, PREDICTED), pane_pixels(judged, INPUT)
     trigger(judged, "swipe")

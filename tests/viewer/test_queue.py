@@ -199,6 +199,7 @@ def test_what_waits_is_asked_about_at_the_end_and_offered_at_the_next_start(
     assert viewer.window.close() is agreed
     assert asked == ["2 trainings wait in the queue. Close all the same?"]
     assert waiting(viewer) == folders
+    viewer.leave()  # after the second answer; the other window was closed by the first one
     again = make_viewer()
     again.queue.offer_kept()
     assert again.background.wait(20)
