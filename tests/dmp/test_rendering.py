@@ -10,6 +10,7 @@ import pytest
 from dmp import rendering
 from dmp.experiments.pictures import CANNOT_DRAW, Shown, picture_row
 from dmp.experiments.reports import Report
+from dmp.exports.viewpoints import Viewpoint
 from dmp.mesh import TriangleMesh
 
 
@@ -42,6 +43,23 @@ def test_values_become_colours_between_the_limits(sphere: TriangleMesh) -> None:
 
 
 @pytest.mark.usefixtures("can_draw")
+@pytest.mark.usefixtures("can_draw")
+def test_every_picture_of_a_studio_has_its_lines_upon_their_halo(sphere: TriangleMesh) -> None:
+    vertices = sphere.vertices.astype(np.float32)
+    edges = vertices[sphere.faces[:, :2]]
+    studio = rendering.Studio(120, 120)
+    try:
+        pictures = [
+            studio.draw(vertices, sphere.faces, Viewpoint((0.0, 0.0, 4.0)), color="#808080", lines=edges, line_color="#ff0000")
+            for _ in range(3)
+        ]
+    finally:
+        studio.close()
+    red = [int(((one[..., 0] > 200) & (one[..., 1] < 60)).sum()) for one in pictures]
+    assert red[0] > 1000
+    assert red[1:] == [red[0]] * 2
+
+
 def test_a_row_of_pictures_is_a_png_file(sphere: TriangleMesh, tmp_path: Path) -> None:
     path = picture_row(tmp_path / "row.png", [Shown("a", sphere, np.zeros(sphere.n_faces)), Shown("b", sphere)], like=sphere)
     assert path is not None
