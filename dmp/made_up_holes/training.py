@@ -17,6 +17,7 @@ import torch
 from scipy import sparse
 from torch import Tensor, nn
 
+from dmp.adam import Adam
 from dmp.errors import MeshError, SettingsError
 from dmp.made_up_holes.features import shape_features
 from dmp.made_up_holes.making import HoleMaker
@@ -86,7 +87,7 @@ class MadeUpHoles(Training):
             torch.manual_seed(settings.seed)
             network = InpaintingNetwork(stacked.mean(dim=0), stacked.std(dim=0) + 1e-6)
         self._network = network.to(self.device)
-        self._optimiser = torch.optim.Adam(self._network.parameters(), lr=settings.learning_rate, fused=True)
+        self._optimiser = Adam(self._network.parameters(), lr=settings.learning_rate)
 
     @property
     def n_parameters(self) -> int:

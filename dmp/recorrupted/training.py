@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from dmp.adam import Adam
 from dmp.errors import SettingsError, TrainingError
 from dmp.geometry import face_area_vectors, normalised
 from dmp.mesh import BoolArray, FloatArray
@@ -43,9 +44,10 @@ _SURE_NOISE = 0.03
 # At these shares of the steps what the restored mesh itself adds to the estimate is taken off it, that many times, because a
 # restored mesh has lost most of its finest detail; but no more than to this part of the estimate.
 _CORRECTIONS, _DETAIL_LOST, _LEAST_PART = (0.15, 0.3, 0.45, 0.6), 6.0, 0.93
-# Some shape is left in every estimate. Taken too low by a part, about as large a part of the noise stays in the result; taken
-# too high by as much, detail is lost, which costs more where there is any.
-_CAUTION = 0.98
+# Some shape is left in an estimate. Taken too low by a part, about as large a part of the noise stays in the result; taken too
+# high by as much, detail is lost, which costs more where there is any. So the level is multiplied by this where the restored
+# mesh has so much detail that at least the second part was taken off, and by less where it has less.
+_CAUTION, _CLEAR_DETAIL = 0.98, 0.006
 # What trimming at three deviations leaves of the deviation of normally distributed values; a first guess of what an estimate
 # misses, before that can be tried on the restored mesh.
 _TRIMMED = 0.9866
@@ -146,7 +148,7 @@ class RecorruptedTraining(Training):
         network.set_sharpness(min(_SHARPNESSES, key=lambda sharpness: self._risk_with(network.set_sharpness, sharpness)))
         network.set_flattening(min(_FLATTENINGS, key=lambda gate: self._risk_with(network.set_flattening, gate, flatten=True)))
         self._average = copy.deepcopy(network)
-        self._optimiser = torch.optim.Adam(self._network.parameters(), lr=settings.learning_rate, fused=True)
+        self._optimiser = Adam(self._network.parameters(), lr=settings.learning_rate)
 
     @property
     def n_parameters(self) -> int:
@@ -300,8 +302,9 @@ class RecorruptedTraining(Training):
         if not self.settings.noise_level:
             estimate, shape = self._estimate.level, level_along(restored, whole.patch.faces, normals)
             left = float(np.sqrt(max(estimate**2 - _DETAIL_LOST * shape**2, (_LEAST_PART * estimate) ** 2)))
+            caution = 1 - (1 - _CAUTION) * min(1.0, (1 - left / estimate) / _CLEAR_DETAIL)
             assumed = replace(self.noise, level=estimate, evenness=evenness)
-            level = _CAUTION * left / gain_of_estimate(restored, whole.patch.faces, assumed)
+            level = caution * left / gain_of_estimate(restored, whole.patch.faces, assumed)
         self.noise = replace(self.noise, level=level, evenness=evenness)
         if self._lowest is not None:
             # Risks under different noise can't be compared.
