@@ -15,10 +15,11 @@ from dmp.errors import SettingsError, TrainingError
 from dmp.layers import convolution_maker, graph_for
 from dmp.layers.gcn_stack import StackBuffers
 from dmp.losses import data_loss, laplacian_loss
-from dmp.memory_needs import has_room_for_outputs
+from dmp.memory_needs import LARGEST_PATCH, has_room_for_outputs, patch_vertices_for
 from dmp.mesh import FloatArray, IntArray
 from dmp.network import LAYOUTS, DisplacementNetwork
 from dmp.operators import to_torch
+from dmp.patches.gradients import PatchedNetwork
 from dmp.problem import Problem
 from dmp.renumbering import inverse_of, locality_order, renumbered
 from dmp.settings import Precision, Settings
@@ -78,6 +79,9 @@ class DeepMeshPrior(Training):
         self._between_layers = _between_layers(settings.precision, max(layout.widths))
         if self._has_buffers and isinstance(self._graph, Tensor):
             self._graph = self._graph.to(self._between_layers)
+        # Where the layers of the whole mesh find no room, this many vertices at a time; 0 for all at once.
+        self._patch_vertices = patch_vertices_for(settings, n_vertices) if self._has_buffers else 0
+        self._patched: PatchedNetwork | None = None
         self._optimiser = Adam(self._network.parameters(), lr=settings.learning_rate)
         self._output = self._base
         self._average: Tensor | None = None
@@ -88,12 +92,7 @@ class DeepMeshPrior(Training):
         return sum(parameter.numel() for parameter in self._network.parameters())
 
     def _forward(self) -> Mapping[str, Tensor]:
-        if self._has_buffers and self._buffers is None:
-            n_vertices = len(self._features)
-            # Whether outputs are kept changes no digit of the result.
-            keep_outputs = has_room_for_outputs(self.settings, n_vertices)
-            self._buffers = self._network.buffers_for(n_vertices, dtype=self._between_layers, keep_outputs=keep_outputs)
-        output = self._network(self._features, self._graph, self._buffers)
+        output = self._network_output()
         if self.settings.predict == "displacement":
             output = output + self._base
         self._output = output.detach()
@@ -103,6 +102,21 @@ class DeepMeshPrior(Training):
             smoothed, self._adjacency, self._valence, self.settings.laplacian_form, self.settings.laplacian_epsilon
         )
         return {"total_loss": data + self.settings.laplacian_weight * laplacian, "data_loss": data, "laplacian_loss": laplacian}
+
+    def _network_output(self) -> Tensor:
+        """Return the network's output, (V, 3), making the memory for it in the first step."""
+        n_vertices = len(self._features)
+        if self._patch_vertices and isinstance(self._graph, Tensor):
+            if self._patched is None:
+                base = self._base.numpy()
+                self._patched = PatchedNetwork(self._network, self._graph, base, self._patch_vertices)
+            return self._patched(self._features)
+        if self._has_buffers and self._buffers is None:
+            # Whether outputs are kept changes no digit of the result.
+            keep_outputs = has_room_for_outputs(self.settings, n_vertices)
+            self._buffers = self._network.buffers_for(n_vertices, dtype=self._between_layers, keep_outputs=keep_outputs)
+        output: Tensor = self._network(self._features, self._graph, self._buffers)
+        return output
 
     def _losses_before(self) -> Mapping[str, Tensor]:
         with torch.no_grad():
@@ -126,7 +140,7 @@ class DeepMeshPrior(Training):
             self._average.lerp_(self._output, 1 - decay)
 
     def _release(self) -> None:
-        self._buffers = None
+        self._buffers = self._patched = None
 
     def _prediction(self) -> Tensor:
         shown = self._output if self._average is None else self._average
@@ -136,10 +150,16 @@ class DeepMeshPrior(Training):
         return {
             "network": self._network.state_dict(),
             "optimiser": self._optimiser.state_dict(),
+            "patch_vertices": self._patch_vertices,
             "average": None if self._average is None else self._average.index_select(0, self._inverse),
         }
 
     def _load_weights(self, state: Mapping[str, Any]) -> None:
+        patch_vertices = state.get("patch_vertices", 0)
+        if type(patch_vertices) is not int or not 0 <= patch_vertices <= LARGEST_PATCH:
+            raise TrainingError("The checkpoint is damaged: it tells of impossible patches.")
+        # As it began, so that it goes on to the last digit; unless that was with more memory than there is now.
+        self._patch_vertices = patch_vertices or self._patch_vertices
         self._network.load_state_dict(state["network"])
         self._optimiser.load_state_dict(state["optimiser"])
         average = state["average"]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import bisect
+import math
+
 from dmp.devices import choose_device
 from dmp.errors import SettingsError
 from dmp.layers.gcn_stack import bytes_per_vertex
 from dmp.memory import free_memory, gigabytes, held_memory
 from dmp.network import LAYOUTS
+from dmp.patches.whole_pass import bytes_per_vertex as bytes_of_whole_pass
 from dmp.settings import Settings, settings_for
 
 # Bytes for each vertex beside the layers: mesh, base, sparse matrices, losses, what is shown; measured, see docs/benchmarks.md.
@@ -18,6 +22,14 @@ _RECORRUPTED, _MADE_UP_HOLES = 11_000, 26_000
 _IN_ANY_CASE = 200_000_000
 # Automatic derivatives keep more between the layers than buffers do; a mixture has products for each of its kernels.
 _PLAIN_LAYERS = 1.6
+# Vertices of a patch without its halo, where the layers of the whole mesh find no room: as many as fit. The more, the less is
+# computed twice.
+_PATCHES = (200_000, 100_000, 50_000, 20_000)
+LARGEST_PATCH = _PATCHES[0]
+# A patch is longer than wide, and its border not straight: so much larger is its halo than that of a disc.
+_LONGER_BORDER = 1.5
+# Matrices of the patches, for each vertex of the mesh: seven numbers of a row, and some rows twice.
+_MATRICES_OF_PATCHES = 100
 # Part of the free memory that is counted on; other programs need some too.
 _USABLE = 0.9
 
@@ -35,29 +47,76 @@ def memory_needed(settings: Settings, n_vertices: int, *, keep_outputs: bool = T
     elif settings.method == "made-up-holes":
         each = float(_MADE_UP_HOLES)
     else:
-        widths = LAYOUTS[settings.architecture].divided(settings.width_divisor).widths
-        value_bytes = 2 if settings.precision == "bfloat16" and _has_buffers(settings) else 4
-        kept = keep_outputs or not _has_buffers(settings)
-        each = bytes_per_vertex(settings.input_channels, widths, value_bytes=value_bytes, keep_outputs=kept)
-        each += value_bytes * max(widths)
-        if not _has_buffers(settings):
-            each *= _PLAIN_LAYERS * (settings.gmm_kernels if settings.convolution.startswith("gmm") else 1)
-        each += _BESIDE_LAYERS
+        each = _of_layers(settings, keep_outputs=keep_outputs) + _BESIDE_LAYERS
     return int(_IN_ANY_CASE + each * n_vertices)
 
 
-def check_memory(settings: Settings, n_vertices: int) -> None:
+def memory_needed_in_patches(settings: Settings, n_vertices: int, patch_vertices: int) -> int:
+    """Return the bytes that a training takes whose gradients are found in patches (:mod:`dmp.patches`).
+
+    Args:
+        settings: of a training that can do so.
+        n_vertices: of the mesh.
+        patch_vertices: most vertices of a patch without its halo.
+    """
+    widths = LAYOUTS[settings.architecture].divided(settings.width_divisor).widths
+    each = bytes_of_whole_pass(widths, value_bytes=_value_bytes(settings)) + _BESIDE_LAYERS + _MATRICES_OF_PATCHES
+    core = min(n_vertices, patch_vertices)
+    # A disc of N vertices, of an area of sqrt(3)/2 each, and a ring around it as wide as there are layers.
+    radius = math.sqrt(core * math.sqrt(0.75) / math.pi)
+    halo = _LONGER_BORDER * math.pi * (2 * radius + len(widths)) * len(widths) / math.sqrt(0.75)
+    largest = min(n_vertices, core + halo)
+    return int(_IN_ANY_CASE + each * n_vertices + _of_layers(settings, keep_outputs=False) * largest)
+
+
+def patch_vertices_for(settings: Settings, n_vertices: int) -> int:
+    """Return of how many vertices patches are where the layers of the whole mesh find no room; 0 where they do.
+
+    The least there is, where nothing fits.
+    """
+    usable = usable_memory(settings)
+    if usable is None or not _has_buffers(settings) or memory_needed(settings, n_vertices, keep_outputs=False) <= usable:
+        return 0
+    smaller = [size for size in _PATCHES if size < n_vertices]
+    if not smaller:
+        return 0
+    return next((size for size in smaller if memory_needed_in_patches(settings, n_vertices, size) <= usable), smaller[-1])
+
+
+def least_memory(settings: Settings, n_vertices: int) -> int:
+    """Return the bytes that a training takes at least, on the longest way."""
+    needed = memory_needed(settings, n_vertices, keep_outputs=False)
+    if _has_buffers(settings) and n_vertices > _PATCHES[-1]:
+        needed = min(needed, memory_needed_in_patches(settings, n_vertices, _PATCHES[-1]))
+    return needed
+
+
+def check_memory(settings: Settings, n_vertices: int) -> str | None:
     """Refuse a training that will not fit into what is free, or into ``settings.memory``.
+
+    Returns:
+        A sentence for the user where the training takes a longer way that they will notice; None otherwise.
 
     Raises:
         SettingsError: the text says how much is needed, how much there is, and what to do.
     """
     usable = usable_memory(settings)
     if usable is None:
-        return
-    needed = memory_needed(settings, n_vertices, keep_outputs=False)
+        return None
+    needed = least_memory(settings, n_vertices)
     if needed > usable:
         raise SettingsError(_refusal(settings, n_vertices, needed, usable))
+    patch_vertices = patch_vertices_for(settings, n_vertices)
+    if not patch_vertices:
+        return None
+    whole, less = (
+        memory_needed(settings, n_vertices, keep_outputs=False),
+        memory_needed_in_patches(settings, n_vertices, patch_vertices),
+    )
+    return (
+        f"Training on all {n_vertices:,} vertices at once needs about {gigabytes(whole)}, more than there is. It is done in "
+        f"patches of {patch_vertices:,} vertices, which needs about {gigabytes(less)} and takes longer."
+    )
 
 
 def has_room_for_outputs(settings: Settings, n_vertices: int) -> bool:
@@ -78,6 +137,22 @@ def usable_memory(settings: Settings) -> float | None:
     return usable
 
 
+def _of_layers(settings: Settings, *, keep_outputs: bool) -> float:
+    """Return what the layers of Deep Mesh Prior take for each vertex."""
+    widths = LAYOUTS[settings.architecture].divided(settings.width_divisor).widths
+    value_bytes = _value_bytes(settings)
+    kept = keep_outputs or not _has_buffers(settings)
+    each = float(bytes_per_vertex(settings.input_channels, widths, value_bytes=value_bytes, keep_outputs=kept))
+    each += value_bytes * max(widths)
+    if not _has_buffers(settings):
+        each *= _PLAIN_LAYERS * (settings.gmm_kernels if settings.convolution.startswith("gmm") else 1)
+    return each
+
+
+def _value_bytes(settings: Settings) -> int:
+    return 2 if settings.precision == "bfloat16" and _has_buffers(settings) else 4
+
+
 def _has_buffers(settings: Settings) -> bool:
     return settings.method == "prior" and settings.convolution == "gcn" and not settings.skip
 
@@ -92,15 +167,16 @@ def _refusal(settings: Settings, n_vertices: int, needed: int, usable: float) ->
         return f"{text} Use --memory {(needed + held_memory()) / 1e9 + 0.1:.1f} or more."
     if _compact_fits(settings, n_vertices, usable):
         return f"{text} Use --preset compact, which needs less."
-    fitting = int(max(0.0, usable - _IN_ANY_CASE) / ((needed - _IN_ANY_CASE) / n_vertices))
-    return f"{text} Close other programs, or reduce the mesh to {_rounded_down(fitting):,} vertices or fewer."
+    # The largest mesh that fits; what is needed grows with the mesh.
+    fitting = bisect.bisect_right(range(n_vertices), usable, key=lambda fewer: least_memory(settings, fewer)) - 1
+    return f"{text} Close other programs, or reduce the mesh to {_rounded_down(max(0, fitting)):,} vertices or fewer."
 
 
 def _compact_fits(settings: Settings, n_vertices: int, usable: float) -> bool:
     if settings.preset == "compact":
         return False
     other = settings_for(settings.task, "compact", memory=settings.memory, device=settings.device)
-    return memory_needed(other, n_vertices, keep_outputs=False) <= usable
+    return least_memory(other, n_vertices) <= usable
 
 
 def _rounded_down(count: int) -> int:

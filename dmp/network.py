@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from dmp.layers import Graph, GraphConvolution
 from dmp.layers.choice import MakeConvolution
-from dmp.layers.gcn_stack import StackBuffers, gcn_stack
+from dmp.layers.gcn_stack import Moments, StackBuffers, gcn_stack
 from dmp.settings import Architecture
 
 _NARROWEST = 16
@@ -110,7 +110,13 @@ class DisplacementNetwork(nn.Module):
         """Return buffers for :meth:`forward`, see :class:`dmp.layers.gcn_stack.StackBuffers`."""
         return StackBuffers(n_vertices, self.sizes[0], self.sizes[1:], dtype=dtype, keep_outputs=keep_outputs)
 
-    def forward(self, features: Tensor, graph: Graph, buffers: StackBuffers | None = None) -> Tensor:
+    def forward(
+        self,
+        features: Tensor,
+        graph: Graph,
+        buffers: StackBuffers | None = None,
+        moments: Sequence[Moments] | None = None,
+    ) -> Tensor:
         """Return one vector a vertex, (V, 3).
 
         Args:
@@ -118,20 +124,23 @@ class DisplacementNetwork(nn.Module):
             graph: what the convolutions know of the mesh.
             buffers: of :meth:`buffers_for`; results are the same without. A backward pass must follow its forward pass before
                 the next one.
+            moments: with buffers alone: by which each layer is normalised, in place of those of the vertices at hand.
         """
         if buffers is not None:
             # Buffers are made for graph convolutions alone, and what these know of the mesh is a matrix.
-            features = gcn_stack(features, cast(Tensor, graph), self.convolutions, self.normalisations, buffers)
-            return self._ended(features)
+            features = gcn_stack(
+                features, cast(Tensor, graph), self.convolutions, self.normalisations, buffers, moments=moments
+            )
+            return self.ended(features)
         outputs: list[Tensor] = []
         for source, convolution, normalisation in zip(self.sources, self.convolutions, self.normalisations, strict=True):
             if source is not None:
                 features = torch.cat([features, outputs[source]], dim=1)
             features = functional.leaky_relu(normalisation(convolution(features, graph)), 0.01, inplace=True)
             outputs.append(features)
-        return self._ended(features)
+        return self.ended(features)
 
-    def _ended(self, features: Tensor) -> Tensor:
+    def ended(self, features: Tensor) -> Tensor:
         """Return the linear layers' output, (V, 3), for that of the convolutions."""
         if self.hidden is not None:
             features = functional.leaky_relu(self.hidden(features), 0.01)

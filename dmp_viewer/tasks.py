@@ -189,10 +189,12 @@ def _new_run(
     *,
     in_memory: bool,
 ) -> tuple[Run, Training]:
+    from dmp.memory_needs import check_memory
     from dmp.methods import training_for
     from dmp.runs import Run
 
     fresh = _problem(source, settings, loops)
+    longer_way = check_memory(settings, fresh.mesh.n_vertices)
     # Before the folder is made, so that settings that cannot work leave no empty run behind.
     training = training_for(fresh, settings)
     folder = runs_folder / f"{source.name}_{uuid.uuid4().hex[:8]}" if runs_folder is not None else None
@@ -206,6 +208,8 @@ def _new_run(
         in_memory=in_memory,
     )
     training.run_id = run.run_id
+    if longer_way:
+        run.warnings.append(longer_way)
     return run, training
 
 

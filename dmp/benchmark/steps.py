@@ -9,13 +9,14 @@ import torch
 
 from dmp.benchmark.floors import copying, least_traffic, matrix_products
 from dmp.benchmark.rivals import peer_steps
+from dmp.benchmark.settings import for_timing
 from dmp.benchmark.timing import take_turns
 from dmp.devices import available_cores, has_fast_bfloat16
 from dmp.mesh import TriangleMesh
 from dmp.methods import training_for
 from dmp.network import LAYOUTS
 from dmp.problem import Problem, denoising
-from dmp.settings import Settings, settings_for
+from dmp.settings import Settings
 from dmp.training import Training
 
 _FLOAT32, _BFLOAT16 = "dmp, float32", "dmp, bfloat16"
@@ -44,7 +45,7 @@ def time_steps(
         SettingsError: when torch_geometric is wanted and not installed.
     """
     threads = threads or available_cores()
-    settings = _settings(preset, threads, **overrides)
+    settings = for_timing(preset, threads, **overrides)
     problem = denoising(mesh, settings)
     training = training_for(problem, settings)
     contestants: dict[str, Callable[[], object]] = {_FLOAT32: _stepping(training)}
@@ -75,22 +76,6 @@ def time_steps(
     return values
 
 
-def _settings(preset: str, threads: int, **overrides: Any) -> Settings:
-    return settings_for(
-        "denoise",
-        preset,
-        **{
-            "threads": threads,
-            "device": "cpu",
-            "precision": "float32",
-            "steps": 10**6,
-            "log_every": 10**6,
-            "snapshot_every": 10**6,
-            **overrides,
-        },
-    )
-
-
 def _stepping(training: Training) -> Callable[[], object]:
     steps = training.steps()
     next(steps)  # the untrained network, and the number of threads
@@ -105,7 +90,7 @@ def _add_company(
     sizes = (settings.input_channels, *layout.widths, layout.hidden, 3)
     n_vertices = problem.mesh.n_vertices
     if has_fast_bfloat16():
-        halved = _settings(settings.preset, settings.threads, precision="bfloat16", width_divisor=settings.width_divisor)
+        halved = for_timing(settings.preset, settings.threads, precision="bfloat16", width_divisor=settings.width_divisor)
         contestants[_BFLOAT16] = _stepping(training_for(problem, halved))
         contestants[_PRODUCTS_BFLOAT16] = matrix_products(n_vertices, sizes, torch.bfloat16)
     if rivals:

@@ -30,6 +30,7 @@ def benchmark(
     threads: Annotated[int, Parameter(help="Processor threads; 0 for all.")] = 0,
     rivals: Annotated[bool, Parameter(help="Let torch_geometric take part.", negative="--no-rivals")] = True,
     memory: Annotated[bool, Parameter(help="Measure the peak memory of each preset too, in processes of their own.")] = False,
+    profile: Annotated[bool, Parameter(help="Say where a step's time goes, part by part.")] = False,
     preparation: Annotated[bool, Parameter(help="Time import, reading, smoothing, operators and writing too.")] = False,
     json: AsJson = False,
 ) -> int:
@@ -39,6 +40,7 @@ def benchmark(
     """
     from dmp.benchmark.meshes import noisy_torus
     from dmp.benchmark.preparing import measure_memory, time_preparation
+    from dmp.benchmark.profiling import profile_step, profile_text
     from dmp.benchmark.steps import steps_text, time_steps
     from dmp.memory import gigabytes
 
@@ -52,6 +54,8 @@ def benchmark(
     for timed in meshes:
         for preset in presets or ("compact", "paper"):
             values = time_steps(timed, preset, rounds=rounds, threads=threads, rivals=rivals)
+            if profile:
+                values["profile"] = profile_step(timed, preset, rounds=rounds, threads=threads)
             if memory:
                 values["memory"] = measure_memory(timed.n_vertices, preset, threads=threads)
             if preparation:
@@ -60,6 +64,8 @@ def benchmark(
             if json:
                 continue
             print(steps_text(values))
+            if profile:
+                print(profile_text(values["profile"]))
             if memory:
                 taken = values["memory"]
                 print(f"  peak memory {gigabytes(taken['peak'])}, {taken['per_vertex'] / 1e3:.1f} kB a vertex")

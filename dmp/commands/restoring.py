@@ -127,7 +127,8 @@ def _restore(
         raise SettingsError(f"--report {report}: the folder {report.parent} does not exist.")
     damaged = load(mesh, quiet)
     # Before anything is made of a mesh that is too large.
-    check_memory(settings, damaged.n_vertices)
+    if longer_way := check_memory(settings, damaged.n_vertices):
+        say(longer_way, quiet)
     truth = None if ground_truth is None else load(ground_truth, quiet)
     problem = problem_for(damaged, settings, truth)
     for note in problem.notes:

@@ -12,12 +12,16 @@ nothing, so it is left out, and its gradient is exactly 0.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import torch
 from torch import Tensor
 from torch.nn import functional
+
+# Mean and 1 / deviation of each channel over the vertices, (C,) both.
+Moments: TypeAlias = tuple[Tensor, Tensor]
 
 SLOPE = 0.01
 _EPSILON = 1e-5
@@ -68,6 +72,15 @@ class StackBuffers:
         self._scratch = [torch.empty(n_vertices * widest, dtype=dtype) for _ in range(2 if keep_outputs else 3)]
         self._outputs = [rows(width) for width in widths] if keep_outputs else None
 
+    def first(self, n_vertices: int) -> StackBuffers:
+        """Return buffers for fewer vertices in the same memory; of these and those only one can be in use at a time."""
+        part = copy.copy(self)
+        part._n_vertices = n_vertices
+        part.mixed = [rows[:n_vertices] for rows in self.mixed]
+        part.gathered = [None if rows is None else rows[:n_vertices] for rows in self.gathered]
+        part._outputs = None if self._outputs is None else [rows[:n_vertices] for rows in self._outputs]
+        return part
+
     def scratch(self, number: int, channels: int) -> Tensor:
         """Return a working place (V, channels): number 0 or 1. Its content lasts until the next that asks for it."""
         return self._scratch[number][: self._n_vertices * channels].view(self._n_vertices, channels)
@@ -93,6 +106,8 @@ def gcn_stack(
     convolutions: Iterable[Any],
     normalisations: Iterable[Any],
     buffers: StackBuffers,
+    *,
+    moments: Sequence[Moments] | None = None,
 ) -> Tensor:
     """Return the output of the last layer, (V, out).
 
@@ -104,16 +119,18 @@ def gcn_stack(
         convolutions: the layers, each a :class:`dmp.layers.GraphConvolution`.
         normalisations: the ``BatchNorm1d`` after each.
         buffers: made for these sizes.
+        moments: by which each layer is normalised, where the vertices are only some of those of the mesh; by default those
+            of the vertices at hand.
     """
     parameters = [
         parameter
         for convolution, normalisation in zip(convolutions, normalisations, strict=True)
         for parameter in (convolution.weight, convolution.bias, normalisation.weight, normalisation.bias)
     ]
-    return _GcnStack.apply(features, propagation, buffers, *parameters)  # type: ignore[no-untyped-call]
+    return _GcnStack.apply(features, propagation, buffers, moments, *parameters)  # type: ignore[no-untyped-call]
 
 
-def _propagate(matrix: Tensor, features: Tensor, out: Tensor) -> None:
+def propagate(matrix: Tensor, features: Tensor, out: Tensor) -> None:
     """Write ``matrix @ features`` to ``out``."""
     if features.dtype == torch.bfloat16:
         # The library behind the product below has no kernel for it.
@@ -123,33 +140,52 @@ def _propagate(matrix: Tensor, features: Tensor, out: Tensor) -> None:
     torch.addmm(out, matrix, features, beta=0, out=out)
 
 
-def _normalise_and_activate(mixed: Tensor, gamma: Tensor, beta: Tensor, out: Tensor) -> tuple[Tensor, Tensor]:
-    """Write y to ``out`` for z, and return mean and 1 / deviation of z, (C,) both."""
+def normalise_and_activate(mixed: Tensor, gamma: Tensor, beta: Tensor, out: Tensor) -> Moments:
+    """Write y to ``out`` for z, and return the moments of z."""
     mean, over_deviation = torch.empty_like(gamma), torch.empty_like(gamma)
     torch.native_batch_norm(mixed, gamma, beta, None, None, True, 0.0, _EPSILON, out=(out, mean, over_deviation))
     functional.leaky_relu(out, SLOPE, inplace=True)
     return mean, over_deviation
 
 
+def _normalise_by(moments: Moments, mixed: Tensor, gamma: Tensor, beta: Tensor, out: Tensor) -> Moments:
+    """Write y to ``out`` for z and given moments, and return these."""
+    mean, over_deviation = moments
+    scale = gamma * over_deviation
+    torch.addcmul((beta - mean * scale).to(mixed.dtype), mixed, scale.to(mixed.dtype), out=out)
+    functional.leaky_relu(out, SLOPE, inplace=True)
+    return moments
+
+
 class _GcnStack(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, features: Tensor, propagation: Tensor, buffers: StackBuffers, *parameters: Tensor) -> Tensor:
+    def forward(
+        ctx: Any,
+        features: Tensor,
+        propagation: Tensor,
+        buffers: StackBuffers,
+        moments: Sequence[Moments] | None,
+        *parameters: Tensor,
+    ) -> Tensor:
         buffers.generation += 1
         ctx.generation, ctx.buffers, ctx.propagation = buffers.generation, buffers, propagation
         ctx.features = current = features.to(buffers.dtype)
         ctx.parameters = parameters
-        ctx.moments = []
+        ctx.moments, ctx.are_given = [], moments is not None
         for layer, (weight, _, gamma, beta) in enumerate(_by_layer(parameters)):
             rounded = weight.to(buffers.dtype)
             mixed, gathered, output = buffers.mixed[layer], buffers.gathered[layer], buffers.output(layer)
             if gathered is not None:
-                _propagate(propagation, current, gathered)
+                propagate(propagation, current, gathered)
                 torch.mm(gathered, rounded, out=mixed)
             else:
                 product = buffers.scratch(0, weight.shape[1])
                 torch.mm(current, rounded, out=product)
-                _propagate(propagation, product, mixed)
-            ctx.moments.append(_normalise_and_activate(mixed, gamma, beta, output))
+                propagate(propagation, product, mixed)
+            if moments is None:
+                ctx.moments.append(normalise_and_activate(mixed, gamma, beta, output))
+            else:
+                ctx.moments.append(_normalise_by(moments[layer], mixed, gamma, beta, output))
             current = output
         # A copy, because the buffer is written again in the next step.
         return current.to(features.dtype, copy=True)
@@ -174,7 +210,10 @@ class _GcnStack(torch.autograd.Function):
             before = ctx.features if layer == 0 else buffers.output(layer - 1)
             if not buffers.keep_outputs and layer > 0:
                 # By the very operation of the forward pass, so that not a digit differs.
-                _normalise_and_activate(buffers.mixed[layer - 1], *layers[layer - 1][2:], before)
+                if ctx.are_given:
+                    _normalise_by(ctx.moments[layer - 1], buffers.mixed[layer - 1], *layers[layer - 1][2:], before)
+                else:
+                    normalise_and_activate(buffers.mixed[layer - 1], *layers[layer - 1][2:], before)
             gathered = buffers.gathered[layer]
             if gathered is not None:
                 of_weight = torch.mm(gathered.T, current)
@@ -182,17 +221,17 @@ class _GcnStack(torch.autograd.Function):
                     product = buffers.scratch(1, weight.shape[0])
                     torch.mm(current, rounded.T, out=product)
                     current = buffers.scratch(0, weight.shape[0])
-                    _propagate(ctx.propagation, product, current)
+                    propagate(ctx.propagation, product, current)
             else:
                 spread = buffers.scratch(1, weight.shape[1])
-                _propagate(ctx.propagation, current, spread)
+                propagate(ctx.propagation, current, spread)
                 of_weight = torch.mm(before.T, spread)
                 if needs_more:
                     current = buffers.scratch(0, weight.shape[0])
                     torch.mm(spread, rounded.T, out=current)
             found[:0] = [of_weight.to(weight.dtype), torch.zeros_like(bias), of_gamma, of_beta]
         of_features = current.to(ctx.features.dtype, copy=True) if ctx.needs_input_grad[0] else None
-        return of_features, None, None, *found
+        return of_features, None, None, None, *found
 
 
 def _by_layer(parameters: Sequence[Tensor]) -> list[tuple[Tensor, Tensor, Tensor, Tensor]]:

@@ -9,19 +9,24 @@ import pytest
 import torch
 from torch import nn
 
+from dmp.benchmark import profiling
 from dmp.benchmark.floors import least_traffic, matrix_products
 from dmp.benchmark.meshes import noisy_torus
 from dmp.benchmark.preparing import time_preparation
+from dmp.benchmark.profiling import BACKWARD, BANK, BILATERAL, FLATTENING, NETWORK, profile_step, profile_text
 from dmp.benchmark.rivals import _PeerNetwork, peer_steps
+from dmp.benchmark.settings import for_timing
 from dmp.benchmark.steps import steps_text, time_steps
 from dmp.benchmark.timing import take_turns
 from dmp.commands.measuring import benchmark
 from dmp.errors import SettingsError
 from dmp.layers import graph_for
+from dmp.methods import training_for
 from dmp.network import LAYOUTS, DisplacementNetwork
 from dmp.problem import denoising
 from dmp.settings import settings_for
 from dmp.topology import adjacency, unique_edges
+from dmp.training import Training
 
 
 def test_made_meshes_are_closed_with_six_neighbours_each() -> None:
@@ -84,6 +89,35 @@ def test_a_small_benchmark_reports_everyone() -> None:
     )
     text = steps_text(values)
     assert all(name in text for name in values["seconds"])
+
+
+@pytest.mark.parametrize(("preset", "expected"), [("compact", {NETWORK}), ("best", {BANK, BILATERAL, FLATTENING})])
+def test_a_profile_names_all_parts_and_they_add_up_to_a_step(preset: str, expected: set[str]) -> None:
+    mesh, few = noisy_torus(400), {"rounds": 3, "threads": 1, "bilateral_layers": 1}
+    values = profile_step(mesh, preset, **few)
+    parts = values["parts"]
+    assert expected | {part + BACKWARD for part in expected} <= parts.keys()
+    assert all(parts[part] > 0 and parts[part + BACKWARD] > 0 for part in expected)
+    whole = time_steps(mesh, preset, rivals=False, **few)["processor_seconds"]["dmp, float32"]
+    assert 0.4 * whole < sum(parts.values()) < 2.5 * whole
+    text = profile_text(values)
+    assert all(part in text for part in expected)
+    assert ("of it diffusions" in text) == (preset == "best")
+
+
+def test_a_profile_changes_nothing_of_the_training(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Training] = []
+    original = profiling.training_for
+    monkeypatch.setattr(profiling, "training_for", lambda *given: seen.append(original(*given)) or seen[-1])
+    mesh = noisy_torus(400)
+    profile_step(mesh, "best", rounds=1, threads=1, bilateral_layers=1)
+    settings = for_timing("best", 1, bilateral_layers=1)
+    plain = training_for(denoising(mesh, settings), settings)
+    steps = plain.steps()
+    for _ in range(3):
+        next(steps)
+    for name, weight in plain._network.state_dict().items():
+        assert torch.equal(weight, seen[0]._network.state_dict()[name]), name
 
 
 def test_parts_of_the_preparation_are_timed_apart() -> None:
