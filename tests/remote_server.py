@@ -13,10 +13,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from dmp.batch.versions import sources_digest
+
 
 @contextmanager
 def served(folder: Path, *, workers: int = 1, port: int = 0) -> Iterator[int]:
     """Start ``dmp serve`` with its own data folder; yield the port of its scheduler, any free one unless it is named."""
+    # Sources may have been edited since the tests began; the server reads them now.
+    sources_digest.cache_clear()
     environment = {**os.environ, "XDG_DATA_HOME": str(folder / "data"), "OMP_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "dmp", "serve", "--port", str(port), "--workers", str(workers), "--no-gpus"]
     with (folder / "serve.log").open("wb") as log:

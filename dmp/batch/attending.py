@@ -121,9 +121,6 @@ def attend(batch: str, name: str, function: Callable[..., Any], arguments: tuple
             return Ended(error.parcel)
 
 
-async def ask_to_stop(batch: str) -> None:
-    """Let this process end what it does for ``batch`` after the step it is in, and begin nothing more for it.
-
-    A coroutine, because dask waits for the answer to anything else, and a worker that hangs gives none.
-    """
+def ask_to_stop(batch: str) -> None:
+    """Let this process end what it does for ``batch`` after the step it is in, and begin nothing more for it."""
     _STOPPED.add(batch)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dmp.batch.asking import Workers
 from dmp.batch.cluster import Certificates, ClusterError, connect, local_client, wait_for_workers
 from dmp.batch.doing import Done, Order, deliver, do_job
 from dmp.batch.engine import Engine, Finished, Means, Work
@@ -115,9 +116,11 @@ def run_batch(
         count = wait_for_workers(client, min(patience_seconds, 30.0))
         if not count:
             raise ClusterError(f"There is no worker at {place.scheduler}. Start one over there: dmp serve.")
-        for text in check_versions(client):
+        workers = Workers()
+        # Those of our own cluster are this very program.
+        for text in check_versions(client, workers) if place.scheduler else ():
             watcher.said(text)
-        is_shared = sees_all(client, store.folder, {job.mesh.parent for job in todo})
+        is_shared = sees_all(client, store.folder, {job.mesh.parent for job in todo}, workers)
         if not is_shared:
             watcher.said("The workers do not see these folders, so meshes are sent to them and runs are sent back.")
         watcher.began(count)
@@ -205,11 +208,18 @@ def _keep(finished: Finished, job: BatchJob, store: BatchFolder, counted: Counte
     watcher.ended(name, outcome)
 
 
-def sees_all(client: Client, folder: Path, others: set[Path]) -> bool:
-    """Tell whether all workers see a folder as this process does: they find there what was just written.
+def sees_all(client: Client, folder: Path, others: set[Path], workers: Workers | None = None) -> bool:
+    """Tell whether all workers that answer see a folder as this process does: they find there what was just written.
+
+    Args:
+        client: of the workers.
+        folder: made if it is not there.
+        others: folders that must be there as well.
+        workers: knows those that do not answer.
 
     Raises:
         RunError: when the folder cannot be written.
+        ClusterError: when the scheduler does not answer.
     """
     token = secrets.token_hex(16)
     mark = folder / f".seen-{token}"
@@ -219,8 +229,10 @@ def sees_all(client: Client, folder: Path, others: set[Path]) -> bool:
     except OSError as error:
         raise RunError(f"{folder} cannot be written: {in_words(error)}. Name another folder with --out.") from error
     try:
-        answers = client.run(finds, mark, token, sorted(others), on_error="return")
+        answers = (workers or Workers()).ask(client, finds, mark, token, sorted(others))
         return bool(answers) and all(answer is True for answer in answers.values())
+    except TimeoutError as error:
+        raise ClusterError("The scheduler does not answer any more.") from error
     finally:
         mark.unlink(missing_ok=True)
 

@@ -238,7 +238,7 @@ def _trained(attempt: _Attempt) -> tuple[Run, tuple[str, ...], int]:
     from dmp.runs import Run, is_run_folder, record
 
     job, stop = attempt.job, attempt.stop
-    folder = _free_folder(attempt.place.run_folder(job.name), stop)
+    folder = _free_folder(attempt.place.run_folder(job.name), stop, attempt.told)
     notes: tuple[str, ...] = ()
     run: Run
     if is_run_folder(folder):
@@ -278,7 +278,7 @@ def _created(job: BatchJob, folder: Path, delivery: Delivery | None) -> tuple[Ru
     return run, (*notes, *problem.notes)
 
 
-def _free_folder(folder: Path, stop: Stop) -> Path:
+def _free_folder(folder: Path, stop: Stop, told: Told) -> Path:
     """Return the run folder of a job as soon as nobody else writes into it; after long waiting another one beside it.
 
     An attempt that was given up may be alive: a process that was halted, or a machine that was cut off. Its lock tells.
@@ -295,6 +295,8 @@ def _free_folder(folder: Path, stop: Stop) -> Path:
                 raise Interrupted
             if time.monotonic() > deadline:
                 break
+            # Who waits is not stalled.
+            told(0.0)
             time.sleep(0.2)
         else:
             return candidate

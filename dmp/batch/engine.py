@@ -2,7 +2,8 @@
 
 Which worker does what, and what becomes of the work of a worker that died, is decided by dask. What is done here is what
 dask leaves to its user: handing out no more than there are workers, so that the memory of this process does not grow with
-the list; naming each retry; giving up a worker that does not move; asking again after the scheduler was lost.
+the list; naming each retry; giving up a worker that does not move, whether it has begun or not; asking again after the
+scheduler was lost.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from dataclasses import dataclass, field
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
+from dmp.batch.asking import ask, start_anew
 from dmp.batch.attending import Ended, ask_to_stop, attend
 from dmp.batch.cluster import GPU, ClusterError
 from dmp.errors import DmpError
@@ -26,6 +28,13 @@ if TYPE_CHECKING:
 
 _POLL_SECONDS = 0.1
 _LOOK_SECONDS = 1.0
+# Workers give a sign of life every second or so. One that gives none for so long is handed no work, and what was handed to it
+# and has not begun is taken away.
+_SILENT_SECONDS = 30.0
+# So long a scheduler is waited for that is asked how many workers there are, and a worker that is asked to stop.
+_ANSWER_SECONDS, _STOP_ANSWER_SECONDS = 30.0, 2.0
+# A worker that was to be started anew and is still there after so long is to be started anew again.
+_AGAIN_SECONDS = 60.0
 # Work that kills whoever does it is given up; work that came so much further meanwhile is not to blame.
 _PROGRESS = 0.02
 
@@ -97,9 +106,11 @@ class _Attempt:
     # How far any attempt came before this one was handed out, and by now.
     before: float = 0.0
     furthest: float = 0.0
+    # Which worker has begun it, and how far it is.
     worker: str = ""
     share: float = 0.0
-    is_stalled: bool = False
+    # When its worker was given up, 0 for never.
+    given_up: float = 0.0
 
 
 @dataclass
@@ -141,8 +152,11 @@ class Engine:
         self._batch = f"dmp-{uuid.uuid4().hex[:12]}"
         self._events: SimpleQueue[Any] = SimpleQueue()
         self._client: Client | None = None
+        self._connection: Any = None
         self._slots, self._hosts = 0, {"": 0}
         self._looked = self._seen_workers = 0.0
+        # By the address of a worker: its last sign of life by the scheduler's clock, and by ours when that was new.
+        self._signs: dict[str, tuple[float, float]] = {}
         self._stop_began: float | None = None
 
     def run(self, works: Sequence[Work]) -> Iterator[Finished]:
@@ -171,10 +185,13 @@ class Engine:
     # -- the connection -----------------------------------------------------------------------------------------------
 
     def _open(self) -> None:
-        client = self._means.connect()
+        self._client = client = self._means.connect()
+        self._listen_to(client)
+
+    def _listen_to(self, client: Client) -> None:
+        self._connection = client.scheduler_comm
         client.subscribe_topic(self._batch, self._events.put)
         client.subscribe_topic("all", self._events.put)
-        self._client = client
         self._seen_workers = time.monotonic()
         self._looked = 0.0
 
@@ -184,7 +201,7 @@ class Engine:
             return
         with suppress(Exception):
             if state.under_way and client.status == "running":
-                client.run(ask_to_stop, self._batch, wait=False, on_error="ignore")
+                ask(client, ask_to_stop, self._batch, seconds=_STOP_ANSWER_SECONDS)
                 client.cancel([attempt.future for attempt in state.under_way.values()])
             client.unsubscribe_topic("all")
             client.unsubscribe_topic(self._batch)
@@ -194,6 +211,11 @@ class Engine:
     def _look_after_connection(self, state: _State) -> None:
         client = self._client
         assert client is not None
+        if client.status == "running" and client.scheduler_comm is not self._connection:
+            # dask has connected again by itself, perhaps to another scheduler, which does not know what we listen to.
+            with suppress(Exception):
+                self._listen_to(client)
+                self._said("The connection to the scheduler was lost, and is there again.")
         if client.status in ("connecting", "running"):
             return
         self._said("The scheduler does not answer any more. Waiting for it to come back …")
@@ -218,8 +240,9 @@ class Engine:
             return self._slots
         self._looked = now
         with suppress(Exception):
-            workers = client.scheduler_info(n_workers=-1)["workers"].values()
-            able = [w for w in workers if w.get("status", "running") == "running"]
+            known = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=_ANSWER_SECONDS)["workers"]
+            workers, silent = known.values(), self._silent(known)
+            able = [w for address, w in known.items() if w["status"] == "running" and address not in silent]
             if self._means.gpu:
                 self._slots = int(sum(worker["resources"].get(GPU, 0) for worker in able))
             else:
@@ -236,6 +259,25 @@ class Engine:
                 f"There is no {what} at the scheduler. What is done is kept: the same command goes on from there."
             )
         return self._slots
+
+    def _silent(self, known: dict[str, dict[str, Any]] | None = None) -> set[str]:
+        """Return the workers that gave no sign of life for long; ``known`` brings the signs up to date."""
+        now = time.monotonic()
+        if known is not None:
+            before = self._signs
+            self._signs = {
+                address: before[address]
+                if before.get(address, (None,))[0] == worker["last_seen"]
+                else (worker["last_seen"], now)
+                for address, worker in known.items()
+            }
+        # By the scheduler's clock it is seen at once who was silent long before we came, if another one was not.
+        newest = max((sign for sign, _ in self._signs.values()), default=0.0)
+        return {
+            address
+            for address, (sign, when) in self._signs.items()
+            if now - when > _SILENT_SECONDS or newest - sign > _SILENT_SECONDS
+        }
 
     # -- work -----------------------------------------------------------------------------------------------------------
 
@@ -290,20 +332,42 @@ class Engine:
             if str(attempt.future.key) not in lost:
                 continue
             share = f" at {attempt.share:.0%}" if attempt.worker == event.get("worker") and attempt.share else ""
-            what = "did not move any more and was started anew" if attempt.is_stalled else "was lost"
+            what = "did not move any more and was started anew" if attempt.given_up else "was lost"
             attempt.retries.append(f"{time.strftime('%H:%M:%S')}: the worker {event.get('worker')} {what}{share}")
-            attempt.is_stalled, attempt.heard, attempt.share = False, time.monotonic(), 0.0
+            attempt.worker, attempt.given_up, attempt.heard, attempt.share = "", 0.0, time.monotonic(), 0.0
             self._said(f"{attempt.work.name}: the worker {event.get('worker')} {what}{share}; another one goes on.")
 
     def _give_up_stalled(self, state: _State) -> None:
-        client = self._client
+        client, now = self._client, time.monotonic()
+        if client is None or client.status != "running":
+            return
+        waiting: list[_Attempt] = []
         for attempt in state.under_way.values():
-            silence = time.monotonic() - attempt.heard
-            if client is None or attempt.is_stalled or not attempt.worker or silence < self._means.stall_seconds:
+            if attempt.given_up and now - attempt.given_up < _AGAIN_SECONDS:
                 continue
-            attempt.is_stalled = True
-            with suppress(Exception):
-                client.restart_workers([attempt.worker], timeout=30, raise_for_error=False)
+            if not attempt.worker:
+                waiting.append(attempt)
+            elif attempt.given_up or now - attempt.heard > self._means.stall_seconds:
+                attempt.given_up = now
+                start_anew(client, attempt.worker)
+        if silent := self._silent() if waiting else set():
+            self._take_from(silent, waiting, client)
+
+    def _take_from(self, silent: set[str], waiting: Sequence[_Attempt], client: Client) -> None:
+        """Start workers anew that have work lying before them, and give no sign of life."""
+        try:
+            given: dict[str, list[Any]] = client.sync(
+                client.scheduler.processing, workers=None, callback_timeout=_ANSWER_SECONDS
+            )
+        except Exception:  # the scheduler went meanwhile; the next look tells
+            return
+        by_key = {str(attempt.future.key): attempt for attempt in waiting}
+        for address in silent:
+            stuck = [by_key[str(key)] for key in given.get(address, ()) if str(key) in by_key]
+            for attempt in stuck:
+                attempt.given_up = time.monotonic()
+            if stuck:
+                start_anew(client, address)
 
     def _collect(self, state: _State) -> Iterator[Finished]:
         for attempt in list(state.under_way.values()):
@@ -363,7 +427,7 @@ class Engine:
             state.under_way.clear()
             return
         with suppress(Exception):
-            client.run(ask_to_stop, self._batch, wait=False, on_error="ignore")
+            ask(client, ask_to_stop, self._batch, seconds=_STOP_ANSWER_SECONDS)
 
 
 def _reason(error: BaseException) -> str:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dmp.batch.asking import Workers, start_anew
 from dmp.batch.cluster import GPU, Certificates, ClusterError, connect, full_address, wait_for_workers
 from dmp.batch.parcel import pack
 from dmp.batch.remote_worker import Answer, answer, command, final_files, train_run
@@ -33,7 +34,11 @@ if TYPE_CHECKING:
 
 LINK = "remote.json"
 _POLL_SECONDS = 0.15
-_ANSWER_SECONDS = 20.0
+_ANSWER_SECONDS, _COMMAND_SECONDS = 20.0, 5.0
+# A worker that trains the run and did not answer for so long is started anew.
+_STALL_SECONDS = 60.0
+# After so long without a step a worker that answers is told of as well.
+_STILL_SECONDS = 300.0
 _RETRY_SECONDS = 1.0
 # So long a run that nobody trains over there waits to be taken up by another worker before it is handed out anew.
 _ORPHAN_SECONDS = 45.0
@@ -88,6 +93,15 @@ def _checked(client: Client, address: str) -> tuple[str, ...]:
     return check_versions(client)
 
 
+@dataclass(frozen=True)
+class _Silence:
+    """A worker that does not answer: which one, since when by our clock, and the attempt that it was at."""
+
+    worker: str
+    since: float
+    attempt: float
+
+
 class RemoteTraining:
     """A run that is trained elsewhere.
 
@@ -117,6 +131,10 @@ class RemoteTraining:
         self._rows = {int(row["step"]): row for row in run.curve()}
         self._told: set[str] = set()
         self._orphan_since: float | None = None
+        self._silence: _Silence | None = None
+        # The attempt and its last step, and since when it is that one.
+        self._still = ((-1.0, -1), 0.0)
+        self._workers = Workers()
         self._is_lost = self._is_held = False
         self._problem = run.problem()
 
@@ -129,7 +147,7 @@ class RemoteTraining:
 
     def attach(self) -> None:
         """Find the run over there again; go on from its copy here when it is known to nobody any more."""
-        self._call(command, self.run.run_id, "resume")
+        self._command("resume")
         if self._ask() is None:
             self._submit(pack(self.run.folder, without_snapshots=True))
 
@@ -169,7 +187,7 @@ class RemoteTraining:
         """Pause or resume the training over there, without waiting for an answer."""
         self._is_held = paused
         what = "pause" if paused else "resume"
-        threading.Thread(target=self._call, args=(command, self.run.run_id, what), daemon=True).start()
+        threading.Thread(target=self._command, args=(what,), daemon=True).start()
 
     def records(self) -> Iterator[StepRecord]:
         """Yield the records of the training as they arrive, those that were missed included.
@@ -201,7 +219,7 @@ class RemoteTraining:
                     break
                 if found.state == "paused" and not self._is_held:
                     # The word to go on was lost with a connection.
-                    self._call(command, self.run.run_id, "resume")
+                    self._command("resume")
                 time.sleep(_POLL_SECONDS)
         except GeneratorExit:
             self._end_early(since_snapshot)
@@ -268,6 +286,7 @@ class RemoteTraining:
         if self._is_lost and not self._reconnected():
             return None
         found = self._ask(since_snapshot)
+        self._look_after_worker(found)
         if found is None:
             if not self._is_connected():
                 self._lose()
@@ -280,6 +299,27 @@ class RemoteTraining:
             time.sleep(_POLL_SECONDS)
             return replace(found, state="waiting")
         return found
+
+    def _look_after_worker(self, found: Answer | None) -> None:
+        """Tell of a worker that makes no steps; have one that does not even answer started anew when it stays so."""
+        silence, client, now = self._silence, self._client, time.monotonic()
+        mark = (-1.0, -1) if found is None or found.state != "training" else (found.attempt, found.step)
+        if mark != self._still[0]:
+            self._still = (mark, now)
+        elif mark[0] >= 0 and now - self._still[1] > _STILL_SECONDS:
+            self._warn_once(
+                f"The worker at {self.link.address} answers, but has made no step for {_STILL_SECONDS / 60:.0f} minutes, at "
+                f"step {mark[1]:,}. Wait, or stop the training and go on with it elsewhere."
+            )
+        if silence is None:
+            return
+        if found is not None and found.state not in ("waiting", "failed"):
+            self._silence = None
+            what = "answers again" if found.attempt == silence.attempt else "is replaced, and the training goes on"
+            self.warnings.append(f"The worker at {self.link.address} {what}.")
+        elif now - silence.since > _STALL_SECONDS and client is not None and client.status == "running":
+            self._silence = replace(silence, since=now)
+            start_anew(client, silence.worker)
 
     def _take_up_orphan(self, found: Answer | None) -> None:
         """Hand the run out anew when its worker is gone and no other one has taken it up."""
@@ -307,9 +347,13 @@ class RemoteTraining:
 
     def _ask(self, since_snapshot: int = -1) -> Answer | None:
         since = max(self._rows) if self._rows else -1
-        answers = self._call(answer, self.run.run_id, self.link.name, self._attempt, since, since_snapshot)
+        known = self._worker
+        arguments = (self.run.run_id, self.link.name, self._attempt, since, since_snapshot)
+        answers = self._call(answer, *arguments, workers=None if known is None else [known], seconds=_ANSWER_SECONDS)
         found = {worker: item for worker, item in answers.items() if isinstance(item, Answer)}
         if not found:
+            if known is not None and not answers and self._is_connected():
+                self._note_silence(known)
             self._worker = None
             return None
         # Workers of one machine see the same folder; one of them is doing the work.
@@ -317,20 +361,32 @@ class RemoteTraining:
         self._worker = worker if found[worker].state in ("training", "paused") else None
         return found[worker]
 
-    def _call(self, function: Callable[..., Any], *arguments: Any) -> dict[str, Any]:
-        """Call a coroutine function on the worker that does the work, on all while it is not known; return the answers."""
+    def _note_silence(self, worker: str) -> None:
+        """Tell that the worker which trains the run does not answer, unless it is only gone from the scheduler's list."""
+        client = self._client
+        if self._silence is not None or client is None or worker not in self._workers.present(client):
+            return
+        self._silence = _Silence(worker, time.monotonic(), self._attempt)
+        self.warnings.append(
+            f"The worker at {self.link.address} that trains this run does not answer. If it stays so for {_STALL_SECONDS:.0f} "
+            "seconds, it is started anew and the training goes on from its last checkpoint."
+        )
+
+    def _command(self, what: str) -> bool:
+        """Let the training ``pause``, ``resume`` or ``stop`` over there; tell whether the one who does it was reached."""
+        answers = self._call(command, self.run.run_id, what, seconds=_COMMAND_SECONDS, everybody=True)
+        return any(value is True for value in answers.values())
+
+    def _call(self, function: Callable[..., Any], *arguments: Any, **how: Any) -> dict[str, Any]:
+        """Ask workers as :meth:`dmp.batch.asking.Workers.ask` does; return their answers, none when the connection is gone."""
         client = self._client
         if client is None or client.status != "running":
             return {}
-        workers = [self._worker] if self._worker is not None and function is not command else None
         try:
-            answers: dict[str, Any] = client.sync(
-                client._run, function, *arguments, workers=workers, on_error="return", callback_timeout=_ANSWER_SECONDS
-            )
+            return self._workers.ask(client, function, *arguments, **how)
         except Exception:  # the connection broke, or the worker went: the next look tells which
             self._worker = None
             return {}
-        return answers
 
     def _is_connected(self) -> bool:
         client = self._client
@@ -372,7 +428,7 @@ class RemoteTraining:
     def _end_early(self, since_snapshot: int) -> None:
         if self._stays.is_set():
             return
-        stopped = any(value is True for value in self._call(command, self.run.run_id, "stop").values())
+        stopped = self._command("stop")
         deadline = time.monotonic() + _STOP_SECONDS
         while time.monotonic() < deadline and not self._is_lost:
             found = self._answer(since_snapshot)
@@ -388,7 +444,7 @@ class RemoteTraining:
                 self._finish(found)
                 return
             if not stopped:
-                stopped = any(value is True for value in self._call(command, self.run.run_id, "stop").values())
+                stopped = self._command("stop")
             time.sleep(_POLL_SECONDS)
         self._is_lost = True
         self.warnings.append(

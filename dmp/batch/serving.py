@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dmp.batch.cluster import DEFAULT_PORT, LOOPBACK, Certificates, ClusterError, dask_config, quiet_logs, worker_options
+from dmp.batch.upkeep import kept_up
 
 _WORKER_TTL = "60 s"
 
@@ -64,7 +65,8 @@ def serving(service: Service) -> Iterator[tuple[str, list[str]]]:
                 "--port."
             ) from error
         try:
-            yield cluster.scheduler_address, words
+            with kept_up(cluster):
+                yield cluster.scheduler_address, words
         finally:
             with suppress(Exception):
                 cluster.close(timeout=15)

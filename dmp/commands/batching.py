@@ -16,6 +16,7 @@ from dmp.commands.common import EXIT_DONE, EXIT_INTERRUPTED, say
 from dmp.commands.options import PLACE, DenoiseOptions, Quiet, Scheduler, TlsFile, given
 from dmp.durations import duration
 from dmp.errors import SettingsError
+from dmp.interruption import interruption
 from dmp.settings import settings_for
 
 if TYPE_CHECKING:
@@ -63,7 +64,6 @@ def batch(
     """
     from dmp.batch.cluster import certificates
     from dmp.batch.conducting import Place, run_batch
-    from dmp.batch.interruption import interruption
     from dmp.batch.jobs import jobs_from_files
     from dmp.batch.summary import MARKDOWN, write_summary
 
@@ -118,7 +118,6 @@ def serve(
     ssh -L 8786:127.0.0.1:8786 SERVER dmp serve
     """
     from dmp.batch.cluster import certificates
-    from dmp.batch.interruption import interruption
     from dmp.batch.serving import Service, serving
 
     if not 0 <= port <= 65535 or workers < 0:

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -17,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from dmp.durations import duration
 from dmp.errors import MeshFileError, RunError, SettingsError, TrainingError
 from dmp.files import atomic_write_bytes, in_words
+from dmp.interruption import interruption
 from dmp.meshio import write_mesh
 from dmp.reporting import run_report
 from dmp.runs import Run, record
@@ -96,7 +93,7 @@ def train_into(run: Run, *, steps: int | None = None, quiet: bool = False, verbo
         before = "Hole filling alone" if run.settings.task == "complete" else "Input"
         console.print(f"{before}: {_measures(problem.ground_truth.measures(problem.target))}")
     shown_warnings = 0
-    with _interruption() as interrupted:
+    with interruption() as stop:
         records = record(training, run)
         try:
             timed = _with_forecast(records, run.settings.steps, console)
@@ -106,7 +103,7 @@ def train_into(run: Run, *, steps: int | None = None, quiet: bool = False, verbo
                 shown_warnings = len(run.warnings)
                 if verbose and item.metrics:
                     console.print(f"step {item.step}: " + ", ".join(f"{k} {v:.4g}" for k, v in item.metrics.items()))
-                if interrupted:
+                if stop.is_set():
                     break
         except TrainingError as error:
             raise TrainingError(f"{error} {_how_to_save(run)}") from error
@@ -199,42 +196,6 @@ def _measures(values: Mapping[str, float]) -> str:
         "hole_normal_error": "inserted faces off by {:.1f} degrees",
     }
     return ", ".join(text.format(values[name]) for name, text in words.items() if name in values)
-
-
-@contextmanager
-def _interruption() -> Iterator[list[int]]:
-    """Collect the first SIGINT, SIGTERM or SIGHUP in the yielded list, so that a step is never cut in the middle.
-
-    A second one ends the process in the ordinary way.
-    """
-    received: list[int] = []
-
-    def note(number: int, frame: FrameType | None) -> None:
-        if number == hangup:
-            # The terminal is gone; what would be said there must not become an error that keeps from saving.
-            for descriptor in terminals:
-                os.dup2(os.open(os.devnull, os.O_WRONLY), descriptor)
-            terminals.clear()
-        if received:
-            raise KeyboardInterrupt
-        received.append(number)
-
-    terminals = [descriptor for descriptor in (1, 2) if os.isatty(descriptor)]
-    # Windows has no SIGHUP; and ignored, as by nohup, it stays so.
-    hangup = getattr(signal, "SIGHUP", None)
-    is_heard = hangup is not None and signal.getsignal(hangup) != signal.SIG_IGN
-    numbers = (signal.SIGINT, signal.SIGTERM, *((hangup,) if hangup is not None and is_heard else ()))
-    try:
-        before = {number: signal.signal(number, note) for number in numbers}
-    except ValueError:
-        # Not the main thread: whoever called us handles signals.
-        yield received
-        return
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _with_forecast(records: Iterator[StepRecord], last: int, console: Console) -> Iterator[StepRecord]:

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dmp.batch.interruption import interruption
 from dmp.errors import RunError
 from dmp.experiments.doing import Interrupted, do_job
 from dmp.experiments.jobs import Job
 from dmp.experiments.store import JobRecord, Store
+from dmp.interruption import interruption
 
 if TYPE_CHECKING:
     from dmp.batch.cluster import Certificates
@@ -59,7 +59,7 @@ def run_jobs(
         told: called in this thread as work goes on.
 
     Returns:
-        False when it was interrupted (SIGINT or SIGTERM); the same call goes on where it stopped.
+        False when it was interrupted (SIGINT, SIGTERM or SIGHUP); the same call goes on where it stopped.
 
     Raises:
         RunError: when records cannot be written.

@@ -1,7 +1,8 @@
-"""Restores many tiny meshes on two workers, one of which is killed by SIGKILL every 20 seconds.
+"""Restores many tiny meshes on two workers, one of which is killed by SIGKILL every 20 seconds, and some in worse trouble.
 
 Every job ends with a result that is, bit for bit, the one of a direct run with the same seed, and every worker that was
-killed at work is named in the summary.
+killed at work is named in the summary. After that come rarer faults in turn: workers that are halted and perhaps go on
+later, a mesh that no worker has the memory for, a full disk on the workers, a scheduler that restarts.
 """
 
 from __future__ import annotations
@@ -15,26 +16,36 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
+from dmp.batch import conducting
+from dmp.batch.asking import ask
 from dmp.batch.cluster import local_client
-from dmp.batch.conducting import Place, run_batch
+from dmp.batch.conducting import Place, Watcher, run_batch
 from dmp.batch.folder import BatchFolder
 from dmp.batch.jobs import BatchJob, jobs_from_files
 from dmp.batch.summary import write_summary
+from dmp.errors import DmpError
 from dmp.meshio import read_mesh, write_mesh
 from dmp.problem import denoising
 from dmp.runs import Run, record
 from dmp.settings import settings_for
 from tests.meshes import sphere_mesh
+from tests.remote_server import served
 from tests.soak import Result
+from tests.soak.disks import _disk, _fill
 
 FULL_SIZE = 200
 KILL_EVERY_SECONDS = 20.0
 MOST_KILLS = 10**9
-_NAME = "batch jobs with killed workers"
+# One of the other faults for so many jobs.
+JOBS_FOR_A_FAULT = 10
+_NAME = "batch jobs with killed workers, and other faults of clusters"
 STEPS = 300
+# A mesh of 65,538 vertices needs more than a gigabyte; torch alone has 400 MB.
+_LARGE, _LITTLE_MEMORY = 7, 700 * 2**20
 
 
 def run(size: int, seed: int) -> Result:
@@ -52,12 +63,17 @@ def run(size: int, seed: int) -> Result:
         ]
         with local_client(2) as client, _killing(client, seed) as killed:
             counted = run_batch(jobs, folder / "out", Place(scheduler=client.scheduler.address))
+            present = len(ask(client, os.getpid))
         failures = [f"{counted.failed} jobs failed"] if counted.failed else []
         write_summary(jobs, folder / "out")
         failures += _unnamed(folder / "out", killed)
         wrong = [text for job in jobs if (text := _difference(job, folder))]
-        note = (f"{len(killed)} workers were killed at work, {len(counted.retries)} retries",)
-        return Result(_NAME, size - len(wrong), size, (*failures, *wrong, *note) if failures or wrong else note)
+        failures += [f"{present} of 2 workers are left"] if present != 2 else []
+        n_faults = max(1, size // JOBS_FOR_A_FAULT)
+        faulty = [text for number in range(n_faults) if (text := _fault(folder / f"fault{number}", number, seed))]
+        note = (f"{len(killed)} workers were killed at work, {len(counted.retries)} retries; {n_faults} other faults",)
+        passed = size - len(wrong) + n_faults - len(faulty)
+        return Result(_NAME, passed, size + n_faults, (*failures, *wrong, *faulty, *note))
 
 
 def _settings(number: int) -> Any:
@@ -117,3 +133,120 @@ def _difference(job: BatchJob, folder: Path) -> str:
     result = read_mesh(folder / "out" / "results" / outcome.result)
     same = np.array_equal(result.vertices, direct.mesh_at(outcome.step).vertices)
     return "" if same else f"{job.name}: other vertices"
+
+
+def _fault(folder: Path, number: int, seed: int) -> str:
+    """Restore three meshes while a fault happens; return what went wrong, empty when nothing did."""
+    kind = (_with_halted_workers, _with_little_memory, _with_full_disk, _with_restart)[number % 4]
+    generator = np.random.default_rng([seed, 1, number])
+    folder.mkdir()
+    _write_inputs(folder / "scans", 3, seed + number)
+    jobs = jobs_from_files([str(folder / "scans")], _settings(number), None)
+    try:
+        wrong = kind(folder, jobs, generator)
+    except DmpError as error:
+        wrong = [str(error)]
+    return f"{number}, {kind.__name__[1:].replace('_', ' ')}: {'; '.join(wrong)}" if wrong else ""
+
+
+def _with_halted_workers(folder: Path, jobs: list[BatchJob], generator: np.random.Generator) -> list[str]:
+    """Halt a worker, at work or not, in each of several batches in one cluster; half of them go on after a while."""
+    wrong: list[str] = []
+    halted: list[int] = []
+    with local_client(2) as client:
+        for turn in range(3):
+            pids = ask(client, os.getpid)
+            victim = sorted(pids.values())[int(generator.integers(len(pids)))]
+            timers = [threading.Timer(float(generator.uniform(0, 4)), _send, (victim, signal.SIGSTOP))]
+            timers += [threading.Timer(float(generator.uniform(5, 40)), _send, (victim, signal.SIGCONT))] * (turn % 2)
+            halted.append(victim)
+            for timer in timers:
+                timer.start()
+            out = folder / f"turn{turn}"
+            try:
+                counted = run_batch(jobs, out / "out", Place(scheduler=client.scheduler.address), stall_seconds=10)
+            finally:
+                for timer in timers:
+                    timer.cancel()
+            wrong += [f"in turn {turn} {counted.failed} jobs failed"] if counted.failed else []
+            wrong += [text for job in jobs if (text := _difference(job, out))]
+    for pid in halted:
+        _send(pid, signal.SIGKILL)
+    return wrong
+
+
+def _with_little_memory(folder: Path, jobs: list[BatchJob], _: np.random.Generator) -> list[str]:
+    """Restore a mesh that the workers have no memory for, among others."""
+    ball = sphere_mesh(_LARGE)
+    (folder / "large").mkdir()
+    write_mesh(folder / "large" / "large.ply", ball)
+    [large] = jobs_from_files([str(folder / "large")], settings_for("denoise", steps=STEPS, threads=1), None)
+    with local_client(2, memory_limit=_LITTLE_MEMORY) as client:
+        counted = run_batch([*jobs, large], folder / "out", Place(scheduler=client.scheduler.address))
+    wrong = [] if counted.failed == 1 else [f"{counted.failed} jobs failed"]
+    outcome = BatchFolder(folder / "out").read(large.name)
+    if outcome is None or "memory" not in outcome.failure or len(outcome.retries) < 4:
+        wrong.append(f"the large one ended as {outcome}")
+    return wrong + [text for job in jobs if (text := _difference(job, folder))]
+
+
+def _with_full_disk(folder: Path, jobs: list[BatchJob], generator: np.random.Generator) -> list[str]:
+    """Let the disk be full that workers elsewhere work on; with room again the same call does everything."""
+    (folder / "disks").mkdir()
+    with _disk(folder / "disks") as disk:
+        if disk is None:
+            return []
+        _fill(disk, int(generator.integers(0, 60_000)))
+        with (
+            local_client(2, environment={"TMPDIR": str(disk)}) as client,
+            mock.patch.object(conducting, "sees_all", lambda *_: False),
+        ):
+            place = Place(scheduler=client.scheduler.address)
+            counted = run_batch(jobs, folder / "out", place)
+            outcomes = [BatchFolder(folder / "out").read(job.name) for job in jobs]
+            wrong = [f"{counted.done} were done on a full disk"] if counted.done else []
+            wrong += [
+                f"the reason is '{outcome and outcome.failure}'"
+                for outcome in outcomes
+                if outcome is None or "the disk is full" not in outcome.failure
+            ]
+            (disk / "filler").unlink()
+            # One at a time: the disk holds a run or two.
+            again = [run_batch([job], folder / "out", place).done for job in jobs]
+            wrong += ["with room again it failed"] if again != [1] * len(jobs) else []
+    return wrong + [text for job in jobs if (text := _difference(job, folder))]
+
+
+def _with_restart(folder: Path, jobs: list[BatchJob], generator: np.random.Generator) -> list[str]:
+    """End the scheduler with its workers when a job is under way, and start another one at the same address."""
+    reached, done, ports = threading.Event(), threading.Event(), list[int]()
+    at = float(generator.uniform(0.1, 0.8))
+    for name in ("first", "second"):
+        (folder / name).mkdir()
+
+    def serve() -> None:
+        with served(folder / "first") as port:
+            ports.append(port)
+            reached.wait(120)
+        with served(folder / "second", port=port):
+            done.wait(300)
+
+    serving = threading.Thread(target=serve)
+    serving.start()
+    try:
+        while not ports:
+            done.wait(0.1)
+        watcher = Watcher(told=lambda _name, share: reached.set() if share > at else None)
+        counted = run_batch(jobs, folder / "out", Place(scheduler=f"127.0.0.1:{ports[0]}"), watcher=watcher)
+    finally:
+        reached.set()
+        done.set()
+        serving.join(60)
+    wrong = [f"{counted.failed} jobs failed"] if counted.failed else []
+    wrong += [] if counted.retries else ["nothing is said of the restart"]
+    return wrong + [text for job in jobs if (text := _difference(job, folder))]
+
+
+def _send(pid: int, number: int) -> None:
+    with suppress(ProcessLookupError):
+        os.kill(pid, number)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from qtpy.QtCore import QPoint, QPointF, Qt, QTimer
-from qtpy.QtGui import QAction, QDesktopServices, QWheelEvent
+from qtpy.QtGui import QAction, QDesktopServices, QDrag, QWheelEvent
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QAbstractButton, QApplication, QDialog, QFileDialog, QLineEdit, QMenu, QWidget
 
@@ -28,6 +28,7 @@ _MODIFIERS = [Qt.KeyboardModifier.NoModifier] * 6 + [
     Qt.KeyboardModifier.ControlModifier,
     Qt.KeyboardModifier.AltModifier,
 ]
+_LONGEST_DRAG_MS = 300
 _BUTTONS = [Qt.MouseButton.LeftButton] * 6 + [Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton]
 # How often what is done, among a hundred.
 _SHARES = {
@@ -112,6 +113,8 @@ class Hands:
         widget, place = self._widget(controller)
         self._tell(f"drag in {self._described(widget)}")
         button = self._one(_BUTTONS)
+        # A drag of rows has an event loop of its own, which ends by the real mouse alone.
+        QTimer.singleShot(_LONGEST_DRAG_MS, QDrag.cancel)
         QTest.mousePress(widget, button, Qt.KeyboardModifier.NoModifier, place)
         for _ in range(int(self._random.integers(1, 6))):
             place += QPoint(*(int(step) for step in self._random.integers(-60, 61, 2)))

@@ -1,54 +1,62 @@
-"""A scheduler that restarts, with its workers."""
+"""A disk that is full where a job is done: it ends with that reason, and is done when there is room again."""
 
 from __future__ import annotations
 
-import threading
-from contextlib import ExitStack
+import tempfile
 from pathlib import Path
+from typing import Any
 
-from dmp.batch.conducting import Place, Watcher, run_batch
-from dmp.batch.folder import BatchFolder
+import pytest
+
+from dmp.batch import conducting
+from dmp.batch.conducting import Place, run_batch
+from dmp.batch.doing import Order, deliver, do_job
 from dmp.batch.jobs import jobs_from_files
+from dmp.batch.summary import write_summary
+from dmp.errors import RunError
 from dmp.settings import settings_for
-from tests.dmp.batch.conftest import make_scans
-from tests.remote_server import served
+from tests.soak.disks import _disk, _fill
 
-SETTINGS = settings_for("denoise", steps=700, snapshot_every=25, log_every=25, threads=1, width_divisor=32)
+SETTINGS = settings_for("denoise", steps=8, snapshot_every=4, log_every=2, threads=1, width_divisor=32)
 
 
-def test_a_batch_outlives_a_restart_of_the_scheduler(tmp_path: Path) -> None:
-    jobs = jobs_from_files([str(make_scans(tmp_path / "scans", 2))], SETTINGS, None)
-    reached, said = threading.Event(), list[str]()
-    with ExitStack() as first:
-        (tmp_path / "first").mkdir()
-        (tmp_path / "second").mkdir()
-        port = first.enter_context(served(tmp_path / "first"))
+@pytest.mark.parametrize("free", [0, 60_000])
+def test_a_full_disk_on_the_worker_is_the_reason(
+    scans: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int
+) -> None:
+    [job, *_] = jobs_from_files([str(scans)], SETTINGS, None)
+    delivery = deliver(job, tmp_path / "out" / "runs" / job.name)
+    (tmp_path / "disks").mkdir()
+    with _disk(tmp_path / "disks") as disk:
+        if disk is None:
+            pytest.skip("a disk can be mounted by the superuser only")
+        monkeypatch.setattr(tempfile, "tempdir", str(disk))
+        _fill(disk, free)
+        done = do_job(job, None, Order(batch="full"), delivery, threads=1)
+        assert "the disk is full" in done.outcome.failure
+        assert not done.outcome.result
+        # Nothing is left of it but what fills the disk.
+        assert [path.name for path in disk.rglob("*") if path.is_file()] == ["filler"]
+        (disk / "filler").unlink()
+        again = do_job(job, None, Order(batch="full"), delivery, threads=1)
+        assert again.outcome.failure == ""
+        assert again.result
 
-        def restart() -> None:
-            reached.wait(120)
-            first.close()
-            with served(tmp_path / "second", port=port):
-                done.wait(200)
 
-        done = threading.Event()
-        restarting = threading.Thread(target=restart)
-        restarting.start()
-        try:
-            counted = run_batch(
-                jobs,
-                tmp_path / "out",
-                Place(scheduler=f"127.0.0.1:{port}"),
-                watcher=Watcher(told=lambda _name, share: reached.set() if share > 0.1 else None, said=said.append),
-            )
-        finally:
-            reached.set()
-            done.set()
-            restarting.join(60)
-    assert (counted.done, counted.failed) == (2, 0)
-    outcomes = [BatchFolder(tmp_path / "out").read(job.name) for job in jobs]
-    assert all(outcome is not None and outcome.steps == 700 for outcome in outcomes)
-    # The one that was under way went on from its checkpoint, and says why there were two attempts.
-    again = [outcome for outcome in outcomes if outcome is not None and outcome.retries]
-    assert len(again) == 1
-    assert again[0].resumed_from > 0
-    assert any("lost" in text for text in again[0].retries)
+def test_a_full_disk_at_home_is_told_and_the_next_call_goes_on(
+    cluster: Any, scans: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(conducting, "check_versions", lambda *_: ())
+    jobs = jobs_from_files([str(scans)], SETTINGS, None)
+    place = Place(scheduler=cluster.scheduler.address)
+    (tmp_path / "disks").mkdir()
+    with _disk(tmp_path / "disks") as disk:
+        if disk is None:
+            pytest.skip("a disk can be mounted by the superuser only")
+        _fill(disk, 60_000)
+        with pytest.raises(RunError, match="the disk is full"):
+            run_batch(jobs, disk / "out", place)
+        (disk / "filler").unlink()
+        assert run_batch(jobs[:1], disk / "out", place).done == 1
+        write_summary(jobs, disk / "out")
+        assert "done" in (disk / "out" / "summary.md").read_text()

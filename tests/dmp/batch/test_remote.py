@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import socket
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from dmp.batch.cluster import ClusterError, full_address
+from dmp.batch import asking, versions
+from dmp.batch import remote as remote_module
+from dmp.batch.cluster import ClusterError, connect, full_address
 from dmp.batch.remote import Link, RemoteTraining, reach, read_link
+from dmp.batch.remote_worker import Answer
 from dmp.batch.versions import compare, versions_here
 from dmp.problem import denoising
 from dmp.runs import Run, record
@@ -111,7 +119,7 @@ def test_pause_resume_and_stop_act_over_there(server: tuple[int, Path], tmp_path
 
 
 def test_a_broken_connection_leaves_the_training_alone(server: tuple[int, Path], cable: Cable, tmp_path: Path) -> None:
-    training = remote(tmp_path / "copy", settings(steps=600), cable.port)
+    training = remote(tmp_path / "copy", settings(steps=200), cable.port)
     training.begin()
     with closing(training.records()) as records:  # type: ignore[type-var]
         watch_until(records, lambda item: item.step >= 20)
@@ -121,14 +129,14 @@ def test_a_broken_connection_leaves_the_training_alone(server: tuple[int, Path],
         for _ in records:
             pass
     assert any("is there again" in text for text in training.warnings)
-    direct = make_run(tmp_path / "direct", settings(steps=600))
+    direct = make_run(tmp_path / "direct", settings(steps=200))
     for _ in record(direct.resume(), direct):
         pass
     assert_same(Run.open(tmp_path / "copy"), direct)
 
 
 def test_a_run_that_was_left_is_found_again(server: tuple[int, Path], tmp_path: Path) -> None:
-    training = remote(tmp_path / "copy", settings(steps=1000, snapshot_every=50), server[0])
+    training = remote(tmp_path / "copy", settings(steps=400, snapshot_every=50), server[0])
     training.begin()
     with closing(training.records()) as records:  # type: ignore[type-var]
         watch_until(records, lambda item: item.step >= 50)
@@ -142,14 +150,75 @@ def test_a_run_that_was_left_is_found_again(server: tuple[int, Path], tmp_path: 
     steps = [item.step for item in again.records() if item.metrics]
     # Nothing comes twice, and nothing is missing.
     assert steps == sorted(set(steps))
-    assert Run.open(copy.folder).snapshot_steps() == list(range(0, 1001, 50))
-    assert [row["step"] for row in Run.open(copy.folder).curve()] == [0, 1, *range(5, 1001, 5)]
+    assert Run.open(copy.folder).snapshot_steps() == list(range(0, 401, 50))
+    assert [row["step"] for row in Run.open(copy.folder).curve()] == [0, 1, *range(5, 401, 5)]
+
+
+def test_a_worker_that_does_not_answer_is_told_of_and_started_anew(
+    server: tuple[int, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote_module, "_ANSWER_SECONDS", 1.0)
+    monkeypatch.setattr(remote_module, "_STALL_SECONDS", 2.0)
+    training = remote(tmp_path / "copy", settings(steps=300), server[0])
+    training.begin()
+    halted = 0
+    with closing(training.records()) as records:  # type: ignore[type-var]
+        watch_until(records, lambda item: item.step >= 20)
+        [halted] = asking.ask(training._client, os.getpid).values()
+        os.kill(halted, signal.SIGSTOP)
+        try:
+            watch_until(records, lambda _: any("does not answer" in text for text in training.warnings))
+            for _ in records:
+                pass
+        finally:
+            with suppress(ProcessLookupError):
+                os.kill(halted, signal.SIGKILL)
+    assert any("is replaced, and the training goes on" in text for text in training.warnings)
+    direct = make_run(tmp_path / "direct", settings(steps=300))
+    for _ in record(direct.resume(), direct):
+        pass
+    assert_same(Run.open(tmp_path / "copy"), direct)
+
+
+def test_a_worker_that_answers_but_makes_no_steps_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    client: Any = None
+    run = Run.open(make_run(tmp_path / "copy", settings()).folder)
+    training = RemoteTraining(run, Link("tcp://127.0.0.1:1", "ball"), client)
+    monkeypatch.setattr(remote_module, "_STILL_SECONDS", -1.0)
+    for found in (
+        Answer("training", 1.0, 5),
+        Answer("training", 1.0, 6),
+        None,
+        Answer("paused", 1.0, 6),
+        Answer("paused", 1.0, 6),
+    ):
+        training._look_after_worker(found)
+    assert training.warnings == []
+    for _ in range(3):
+        training._look_after_worker(Answer("training", 1.0, 6))
+    [told] = training.warnings
+    assert "has made no step" in told
+    assert "step 6" in told
 
 
 def test_nobody_at_the_address_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dmp.batch.cluster._CONNECT_SECONDS", 0.5)
     with pytest.raises(ClusterError, match="cannot be reached"):
         reach(Link("tcp://127.0.0.1:9", "ball"))
+
+
+def test_the_address_of_a_web_page_is_told() -> None:
+    server = socket.create_server(("127.0.0.1", 0))
+
+    def answer() -> None:
+        connection, _ = server.accept()
+        with connection:
+            connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+            connection.recv(1)
+
+    threading.Thread(target=answer, daemon=True).start()
+    with server, pytest.raises(ClusterError, match="is no scheduler of dask"):
+        connect(f"tcp://127.0.0.1:{server.getsockname()[1]}")
 
 
 @pytest.mark.parametrize(
@@ -182,6 +251,39 @@ def test_versions_that_differ_are_told_before_anything_starts() -> None:
     other_torch = compare(here, {"a": {**here, "torch": "1.0"}})
     assert not other_torch.obstacles
     assert "torch 1.0" in other_torch.remarks[0]
+
+
+def test_another_state_of_the_same_version_is_told() -> None:
+    here = versions_here()
+    [obstacle] = compare(here, {"a": {**here, "sources": "0123456789abcdef"}}).obstacles
+    assert "The worker a" in obstacle
+    assert "state 01234567" in obstacle
+    assert f"this computer (state {here['sources'][:8]})" in obstacle
+    assert here["dmp-viewer"] in obstacle
+    # A worker from before this was asked for cannot answer; a program that was packed without sources has none to compare.
+    assert "an earlier state" in compare(here, {"a": {**here, "sources": ""}}).obstacles[0]
+    assert compare(here, {"a": {**here, "sources": "packed"}}) == compare(here, {})
+    # An other version is told as such, once.
+    assert len(compare(here, {"a": {**here, "dmp-viewer": "0.0.1", "sources": "1"}}).obstacles) == 1
+
+
+def test_the_digest_is_of_the_computing_sources_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "dmp"
+    (package / "batch").mkdir(parents=True)
+    (tmp_path / "dmp_viewer").mkdir()
+    (package / "__init__.py").write_bytes(b"a = 1\nb = 2\n")
+    (package / "batch" / "versions.py").write_bytes(b"")
+    monkeypatch.setattr(versions, "__file__", str(package / "batch" / "versions.py"))
+    digest = versions.sources_digest.__wrapped__
+    first = digest()
+    for path in (package / "notes.md", package / "sample.ply", tmp_path / "dmp_viewer" / "app.py"):
+        path.write_text("else")
+    (package / "__init__.py").write_bytes(b"a = 1\r\nb = 2\r\n")
+    assert digest() == first
+    (package / "__init__.py").write_bytes(b"a = 1\nb = 3\n")
+    second = digest()
+    (package / "__init__.py").rename(package / "other.py")
+    assert len({first, second, digest()}) == 3
 
 
 def watch_until(records: Iterator[StepRecord], is_enough: object) -> StepRecord:

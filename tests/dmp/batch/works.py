@@ -6,8 +6,10 @@ import os
 import signal
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
+from dmp.batch.doing import Interrupted
 from dmp.batch.engine import Work, _Attempt, _State
 
 
@@ -25,6 +27,38 @@ def fail(text: str, **_: object) -> None:
 
 def use_up(**_: object) -> None:
     raise MemoryError
+
+
+def grow(limit: int, **_: object) -> int:
+    """Take more and more memory, up to a limit that keeps the machine safe when nobody minds."""
+    taken = []
+    while len(taken) * 2**24 < limit:
+        taken.append(b"x" * 2**24)
+        time.sleep(0.02)
+    time.sleep(5)
+    return len(taken)
+
+
+def wait(seconds: float, *, stop: Callable[[], bool], told: Callable[[float], object], **_: object) -> float:
+    """Do nothing, and tell how far it is."""
+    began = time.monotonic()
+    while (passed := time.monotonic() - began) < seconds:
+        told(passed / seconds)
+        if stop():
+            raise Interrupted
+        time.sleep(0.02)
+    return seconds
+
+
+def tell_often() -> int:
+    from dmp.batch import attending
+
+    attending._TOLD_EVERY_SECONDS = 0.1
+    return os.getpid()
+
+
+def send(pid: int, number: int) -> None:
+    os.kill(pid, number)
 
 
 def state_of(todo: list[Work]) -> _State:
