@@ -7,18 +7,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dmp.mesh import FloatArray
+
 # The signal is averaged over this share of the curve, and at least three points, before its minimum is taken.
 _WINDOW_SHARE = 0.05
 # So many standard errors above its lowest value the risk on held-out parts has risen.
 _CLEARLY = 2.0
+# As good as the lowest value is what is above it by no more than the signal scatters, or this part of it.
+_AS_GOOD = 0.005
 
 
 @dataclass(frozen=True)
 class Suggestion:
-    """A step to keep, and why, in one sentence for the user."""
+    """A step to keep, and why, in one sentence for the user.
+
+    Attributes:
+        step: one of the steps that can be kept.
+        reason: the sentence.
+        between: first and last logged step around it that are as good, where that can be told.
+    """
 
     step: int
     reason: str
+    between: tuple[int, int] | None = None
 
 
 def suggest(curve: Sequence[Mapping[str, float]], steps: Sequence[int]) -> Suggestion | None:
@@ -57,7 +68,19 @@ def suggest(curve: Sequence[Mapping[str, float]], steps: Sequence[int]) -> Sugge
     step = min(candidates, key=lambda candidate: abs(candidate - where[best]))
     if best >= len(points) - 1 - half:
         return Suggestion(step, "The error of the held-out vertices is still falling: more steps may give a better mesh.")
-    return Suggestion(step, f"The error of the held-out vertices is lowest around step {int(where[best])}.")
+    first, last = _as_good(error, smooth, best)
+    between = int(where[first]), int(where[last])
+    lowest = f"The error of the held-out vertices is lowest around step {int(where[best])}"
+    if first == last:
+        return Suggestion(step, f"{lowest}.", between)
+    return Suggestion(step, f"{lowest}; between {between[0]} and {between[1]} nothing gets better.", between)
+
+
+def _as_good(error: FloatArray, smooth: FloatArray, best: int) -> tuple[int, int]:
+    """Return the ends of the stretch around ``best`` where the smooth signal is about as low as there."""
+    scatter = float(np.std(error - smooth))
+    high = np.flatnonzero(smooth > smooth[best] + max(scatter, _AS_GOOD * smooth[best]))
+    return int(high[high < best].max(initial=-1)) + 1, int(high[high > best].min(initial=len(smooth))) - 1
 
 
 def _by_risk(curve: Sequence[Mapping[str, float]], candidates: Sequence[int]) -> Suggestion:

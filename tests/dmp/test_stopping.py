@@ -18,6 +18,27 @@ def test_the_minimum_of_a_noisy_valley_is_found() -> None:
     assert "lowest" in suggestion.reason
 
 
+def test_it_is_said_between_which_steps_nothing_gets_better() -> None:
+    steps = np.arange(5, 1005, 5)
+    # Flat at the bottom from 300 to 600, with steep walls.
+    distance = np.clip(np.abs(steps - 450) - 150, 0, None)
+    suggestion = suggest(_curve(1 + distance / 100), range(0, 1001, 25))
+    assert suggestion is not None
+    assert suggestion.between is not None
+    first, last = suggestion.between
+    assert abs(first - 300) <= 30
+    assert abs(last - 600) <= 30
+    assert f"between {first} and {last} nothing gets better" in suggestion.reason
+    assert first <= suggestion.step <= last
+    # A sharp minimum has no such stretch worth telling of, a noisy one a wider one.
+    sharp = suggest(_curve(1 + np.abs(steps - 450) / 10), range(0, 1001, 25))
+    noise = 0.1 * np.random.default_rng(1).standard_normal(200)
+    noisy = suggest(_curve(1 + np.abs(steps - 450) / 1000 + noise), range(0, 1001, 25))
+    assert sharp is not None and sharp.between is not None
+    assert noisy is not None and noisy.between is not None
+    assert np.ptp(sharp.between) < 50 < np.ptp(noisy.between)
+
+
 def test_a_falling_curve_suggests_the_end_and_says_so() -> None:
     suggestion = suggest(_curve(np.linspace(2, 1, 100)), range(0, 501, 25))
     assert suggestion is not None
