@@ -162,7 +162,10 @@ class Presenter(QObject):
         workspace, window = self._workspace, self._window
         marks = step_marks(workspace)
         window.timeline.set_marks(marks, workspace.bookmarks.steps)
-        window.curve.set_marks(marks, workspace.suggestion.reason if workspace.suggestion is not None else "")
+        suggestion = workspace.suggestion
+        window.curve.set_marks(
+            marks, suggestion.reason if suggestion is not None else "", suggestion.between if suggestion is not None else None
+        )
 
     def _on_curve_changed(self) -> None:
         if not self._curve_timer.isActive():

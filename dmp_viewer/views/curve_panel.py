@@ -122,9 +122,15 @@ class CurvePanel(QWidget):
         self.plot.set_shown_step(step)
         self._update_readout()
 
-    def set_marks(self, marks: Sequence[StepMark], reason: str = "") -> None:
-        """Mark the steps that matter; the reason for the suggested one is written above the plot."""
-        self.plot.set_marks(marks)
+    def set_marks(self, marks: Sequence[StepMark], reason: str = "", stretch: tuple[int, int] | None = None) -> None:
+        """Mark the steps that matter; the reason for the suggested one is written above the plot.
+
+        Args:
+            marks: the steps.
+            reason: a sentence.
+            stretch: first and last step that are about as good as the suggested one.
+        """
+        self.plot.set_marks(marks, stretch)
         self._advice_step = next((mark.step for mark in marks if mark.name == "suggested"), None)
         self._advice_reason = reason if self._advice_step is not None else ""
         self._write_advice()

@@ -22,6 +22,7 @@ _HINT = "Click to show the nearest snapshot. Wheel and drag: look closer. Double
 _MARKS = ("kept", "suggested", "held_out", "best")
 _NEAR_PIXELS = 6.0
 _MARKS_Z = 20
+_STRETCH_Z, _STRETCH_ALPHA = -10, 0.12
 # A second run has circles on its lines, this many at most, so that nobody has to tell shades apart.
 _MOST_CIRCLES = 16
 
@@ -70,6 +71,12 @@ class CurvePlot(pg.PlotWidget):
         box.sigXRangeChanged.connect(lambda *_: self._arrange_names())
         self._shown_line = _MarkLine(angle=90, movable=False)
         self._hover_line = _MarkLine(angle=90, movable=False)
+        # The steps that are about as good as the suggested one.
+        self._stretch = pg.LinearRegionItem(movable=False, pen=pg.mkPen(None))
+        self._stretch.setZValue(_STRETCH_Z)
+        self._stretch.setAcceptHoverEvents(False)
+        self._stretch.hide()
+        self.addItem(self._stretch, ignoreBounds=True)
         self._marks = {
             name: _MarkLine(angle=90, movable=False, label=name, labelOpts={"anchors": [(0, 0.5), (1, 0.5)]}) for name in _MARKS
         }
@@ -255,8 +262,11 @@ class CurvePlot(pg.PlotWidget):
         """Move the crosshair."""
         _place(self._hover_line, step)
 
-    def set_marks(self, marks: Sequence[StepMark]) -> None:
-        """Mark the steps that matter."""
+    def set_marks(self, marks: Sequence[StepMark], stretch: tuple[int, int] | None = None) -> None:
+        """Mark the steps that matter, and the ``stretch`` that is as good as the suggested one."""
+        self._stretch.setVisible(stretch is not None)
+        if stretch is not None:
+            self._stretch.setRegion(stretch)
         found = {mark.name: mark for mark in marks}
         for name, line in self._marks.items():
             mark = found.get(name)  # type: ignore[call-overload]
@@ -297,6 +307,7 @@ class CurvePlot(pg.PlotWidget):
         ):
             self._marks[name].setPen(pg.mkPen(color, width=1.5, style=style))
             self._marks[name].label.setColor(color)
+        self._stretch.setBrush(_faded(theme.suggested, _STRETCH_ALPHA))
         self._shown_line.setPen(pg.mkPen(theme.text, width=1.5))
         self._hover_line.setPen(pg.mkPen(theme.subtle, width=1, style=Qt.PenStyle.DotLine))
         for name in self._raw:
@@ -355,10 +366,10 @@ class _MarkLine(pg.InfiniteLine):
         self.boundingRect()
 
 
-def _faded(color: str) -> QColor:
-    """Return the colour of the ground under a name: lines below it are seen faintly."""
+def _faded(color: str, alpha: float = 0.75) -> QColor:
+    """Return a colour through which what lies below is seen; by default faintly, as under a name."""
     faded = QColor(color)
-    faded.setAlphaF(0.75)
+    faded.setAlphaF(alpha)
     return faded
 
 

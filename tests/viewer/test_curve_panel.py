@@ -53,6 +53,26 @@ def test_the_empty_curve_explains_itself(curve: CurvePanel) -> None:
     assert any("held-out error" in str(text).lower() for text in texts)
 
 
+def test_the_steps_that_are_as_good_lie_upon_a_tinted_ground(curve: CurvePanel, qtbot: QtBot) -> None:
+    curve.set_curve(Curve(ROWS), settings_for())
+
+    def ground(step: float) -> tuple[int, ...]:
+        qtbot.wait(20)
+        plot = curve.plot
+        box = plot.getViewBox()
+        (_, _), (low, high) = box.viewRange()
+        place = plot.mapFromScene(box.mapViewToScene(QPointF(step, low + 0.03 * (high - low))))
+        return QImage(plot.grab().toImage()).pixelColor(place).getRgb()[:3]
+
+    curve.set_marks(MARKS)
+    plain = ground(11.3)
+    curve.set_marks(MARKS, "", (7, 13))
+    assert ground(11.3) != plain
+    assert ground(15.3) == plain
+    curve.set_marks(MARKS)
+    assert ground(11.3) == plain
+
+
 @pytest.mark.parametrize("steps", [(2, 3, 4), (4, 3, 2), (16, 17, 19), (19, 17, 16), (3, 18, 17), (0, 20, 20)])
 def test_no_line_runs_through_the_name_of_a_marked_step(curve: CurvePanel, qtbot: QtBot, steps: tuple[int, ...]) -> None:
     curve.set_curve(Curve(ROWS), settings_for())
