@@ -191,7 +191,7 @@ _TYPES = get_type_hints(Settings)
 # What differs from the defaults above. 'paper' and 'paper-2021-04' keep the published behaviour in everything: unit box, full
 # width, nothing held out, no averaging, weights and steps of the two states of the published code.
 _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
-    ("compact", "denoise"): {},
+    ("compact", "denoise"): {"learning_rate": 0.02},
     ("compact", "complete"): {
         "steps": 8000, "snapshot_every": 100, "log_every": 10, "laplacian_weight": 1.0, "laplacian_of": "change",
         "hold_out": 0.0, "rest_movement": 0.02,
@@ -221,7 +221,7 @@ _PRESETS: dict[tuple[str, str], dict[str, Any]] = {
 # What a completion that also denoises changes: the prediction everywhere, under the settings of denoising.
 DENOISE_TOO: Mapping[str, Any] = {
     "preset": "compact", "known_vertices": "predict", "laplacian_weight": 1.4, "laplacian_of": "prediction",
-    "learning_rate": 0.01, "hold_out": 0.03, "rest_movement": 0.0,
+    "learning_rate": 0.02, "hold_out": 0.03, "rest_movement": 0.0,
     "steps": 1000, "snapshot_every": 25, "log_every": 5,
 }  # fmt: skip
 

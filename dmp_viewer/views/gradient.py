@@ -101,6 +101,7 @@ class Gradient(QWidget):
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
         painter.drawImage(bar, image)
         painter.setPen(QPen(self.palette().color(QPalette.ColorRole.Mid), 1))
+        painter.setBrush(Qt.BrushStyle.NoBrush)
         painter.drawRect(bar)
         low, high = self.shown_limits
         widest = max(metrics.horizontalAdvance(text) for text in ("-0.00", f"{high:.3g}", f"{low:.3g}")) + 18
