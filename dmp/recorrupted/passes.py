@@ -65,9 +65,8 @@ class _NormalPasses(torch.autograd.Function):
         if not of_sums:
             return torch.zeros_like(own), torch.zeros_like(weights), gradient, None, None
         before, after = torch.cat(stages[-2::-1], dim=1), torch.cat(of_sums, dim=1)
-        # The inner products of a face's row with its own and with its neighbours' alone, without copies of their rows.
-        products = torch.sparse.sampled_addmm(transposed, after, before.t(), beta=0.0).values().view(-1, 4)
-        return products[:, 0], products[:, 1:].t(), gradient, None, None
+        around = before.index_select(0, incidence.neighbours).view(3, *before.shape)
+        return (after * before).sum(dim=1), (after * around).sum(dim=2), gradient, None, None
 
 
 class _VertexPasses(torch.autograd.Function):
