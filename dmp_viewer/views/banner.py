@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 from qtpy.QtCore import QEvent, Qt, Signal
@@ -47,7 +48,13 @@ class Message:
 
 
 class Banner(QFrame):
-    """One message with its buttons."""
+    """One message with its buttons.
+
+    Signals:
+        dismissed: it goes; with the next turn it is deleted.
+    """
+
+    dismissed = Signal()
 
     def __init__(self, message: Message, parent: QWidget) -> None:
         super().__init__(parent)
@@ -102,7 +109,7 @@ class Banner(QFrame):
     def dismiss(self) -> None:
         """Take the message away."""
         self.hide()
-        self.setParent(None)
+        self.dismissed.emit()
         self.deleteLater()
 
     def set_theme(self, theme: Theme) -> None:
@@ -133,6 +140,7 @@ class BannerArea(QWidget):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._theme = LIGHT
+        self._banners: list[Banner] = []
         self._layout = QVBoxLayout(self)
         self._layout.setContentsMargins(0, 0, 0, 0)
         self._layout.setSpacing(1)
@@ -148,14 +156,20 @@ class BannerArea(QWidget):
             banner.dismiss()
         banner = Banner(message, self)
         banner.set_theme(self._theme)
+        banner.dismissed.connect(partial(self._forget, banner))
+        self._banners.append(banner)
         self._layout.addWidget(banner)
         self.heightChanging.emit()
         banner.show()
 
     def banners(self) -> list[Banner]:
         """Return the messages on show, oldest first."""
-        found = (self._layout.itemAt(index).widget() for index in range(self._layout.count()))
-        return [widget for widget in found if isinstance(widget, Banner)]
+        return list(self._banners)
+
+    def _forget(self, banner: Banner) -> None:
+        if banner in self._banners:
+            self._banners.remove(banner)
+            self._layout.removeWidget(banner)
 
     def texts(self) -> list[str]:
         """Return the sentences on show, oldest first."""
