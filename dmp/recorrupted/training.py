@@ -72,6 +72,9 @@ _FLATTENINGS = (1.0, -1.0, -4.0)
 _RISK_DRAWS = 4
 # Draws by which the held-out rings are judged; the noise of the input itself counts for more, and no draw changes that.
 _HELD_OUT_DRAWS = 1
+# When the risk there is so many standard errors above its lowest value, that is no chance and no slow learning of noise: under
+# heavy noise the training has left its course. It goes back to where the risk was lowest, and on at this part of the rate.
+_LOST, _SLOWER = 4.0, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +108,8 @@ class RecorruptedTraining(Training):
     along the surface, and their average does not.
 
     Beside the losses it measures, at logged steps, ``held_out_risk``: the loss on rings of vertices that the training never
-    sees; ``held_out_excess``: by how many standard errors that is above the lowest so far; and ``held_out_lowest_step``.
+    sees; ``held_out_excess``: by how many standard errors that is above the lowest so far; and ``held_out_lowest_step``. When
+    the excess says that the training has left its course, it goes back to the lowest and on more slowly.
     """
 
     def __init__(self, problem: Problem, settings: Settings, *, run_id: str | None = None) -> None:
@@ -131,6 +135,7 @@ class RecorruptedTraining(Training):
         pieces = [self._whole] if len(parts) == 1 else [self._piece(part, positions, areas) for part in parts]
         self._pieces = [self._without(piece, hidden) for piece in pieces]
         self._lowest: _Lowest | None = None
+        self._slowness = 1.0
 
         self._generator = torch.Generator().manual_seed(settings.seed)
         # Forked, so that the caller's own random numbers stay as they were.
@@ -250,8 +255,16 @@ class RecorruptedTraining(Training):
         if lowest is None or risk.sum() < lowest.risk.sum():
             lowest = self._lowest = _Lowest(self.step, copy.deepcopy(self._average), risk)
         excess = standard_errors_above(risk, lowest.risk)
+        if excess >= _LOST:
+            self._go_back_to(lowest)
         values = {"held_out_risk": risk.sum(), "held_out_excess": excess, "held_out_lowest_step": lowest.step}
         return {name: torch.tensor(float(value), dtype=torch.float64) for name, value in values.items()}
+
+    def _go_back_to(self, lowest: _Lowest) -> None:
+        for network in (self._network, self._average):
+            network.load_state_dict(lowest.network.state_dict())
+        self._optimiser = Adam(self._network.parameters(), lr=self.settings.learning_rate)
+        self._slowness *= _SLOWER
 
     def _losses_before(self) -> Mapping[str, Tensor]:
         # With the random numbers put back, so that a training that is asked for its first record is no other training.
@@ -273,7 +286,7 @@ class RecorruptedTraining(Training):
         rate = _LAST_RATE + (1 - _LAST_RATE) * 0.5 * (1 + np.cos(np.pi * progress))
         rate *= min(1.0, (self.step + 1) / _WARM_UP)
         for group in self._optimiser.param_groups:
-            group["lr"] = self.settings.learning_rate * float(rate)
+            group["lr"] = self.settings.learning_rate * self._slowness * float(rate)
         self._optimiser.step()
         # The average begins short, so that the first, poor weights are soon forgotten.
         decay = min(self.settings.average, (1 + self.step) / (10 + self.step))
@@ -328,6 +341,7 @@ class RecorruptedTraining(Training):
             "generator": self._generator.get_state(),
             "noise": {"level": self.noise.level, "evenness": self.noise.evenness},
             "lowest": None if self._lowest is None else self._lowest_state(self._lowest),
+            "slowness": self._slowness,
         }
 
     def _lowest_state(self, lowest: _Lowest) -> dict[str, Any]:
@@ -344,6 +358,9 @@ class RecorruptedTraining(Training):
         self.noise = replace(self.noise, level=float(noise["level"]), evenness=float(noise["evenness"]))
         if not (0 <= self.noise.level < _LARGEST_LEVEL and 0 <= self.noise.evenness <= 1):
             raise TrainingError("The checkpoint is damaged: it tells of impossible noise.")
+        self._slowness = float(state.get("slowness", 1.0))
+        if not 0 < self._slowness <= 1:
+            raise TrainingError("The checkpoint is damaged: it tells of an impossible learning rate.")
         self._lowest = None
         if lowest is not None:
             network = copy.deepcopy(self._average)

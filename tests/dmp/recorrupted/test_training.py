@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import copy
 import dataclasses
 
 import numpy as np
@@ -258,3 +259,34 @@ def test_what_was_held_out_is_kept_with_the_state() -> None:
     other = _training(noisy, **{**small, "hold_out": 0.0})
     with pytest.raises(TrainingError):
         other.load_state(first.state())
+
+
+def test_a_training_that_leaves_its_course_goes_back_and_on_more_slowly() -> None:
+    mesh = sphere_mesh(5)
+    noisy = _noisy(mesh, 0.2 * _edge_length(mesh))
+    small = {"steps": 12, "snapshot_every": 4, "log_every": 4, "hold_out": 0.2}
+    training = _training(noisy, mesh, **small)
+    assert isinstance(training, RecorruptedTraining)
+    rows: dict[int, dict[str, float]] = {}
+    states = []
+    for record in training.steps():
+        rows[record.step] = dict(record.metrics)
+        if record.step == 5:
+            with torch.no_grad():
+                for network in (training._network, training._average):
+                    for weight in network.bank.parameters():
+                        weight.add_(torch.randn(weight.shape, generator=torch.Generator().manual_seed(1)))
+        if record.step == 9:
+            states.append(copy.deepcopy(training.state()))
+    # What was lost at step 8 is told, and what is shown there is the mesh of the lowest risk.
+    assert rows[8]["held_out_excess"] > 4
+    assert rows[8]["held_out_lowest_step"] == 4
+    assert rows[8]["mad"] == pytest.approx(rows[4]["mad"], rel=1e-3)
+    assert rows[12]["held_out_excess"] < 2
+    assert rows[12]["mad"] < 1.2 * rows[4]["mad"]
+    again = _training(noisy, mesh, **small)
+    again.load_state(states[0])
+    assert [record.metrics for record in again.steps()][-1] == rows[12]
+    damaged = {**states[0], "slowness": 0.0}
+    with pytest.raises(TrainingError, match="rate"):
+        _training(noisy, mesh, **small).load_state(damaged)
