@@ -14,7 +14,8 @@ _WINDOW_SHARE = 0.05
 # So many standard errors above its lowest value the risk on held-out parts has risen.
 _CLEARLY = 2.0
 # As good as the lowest value is what is above it by no more than the signal scatters, or this part of it.
-_AS_GOOD = 0.005
+_AS_GOOD = 0.002
+_MAD_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,8 @@ def suggest(curve: Sequence[Mapping[str, float]], steps: Sequence[int]) -> Sugge
 
 def _as_good(error: FloatArray, smooth: FloatArray, best: int) -> tuple[int, int]:
     """Return the ends of the stretch around ``best`` where the smooth signal is about as low as there."""
-    scatter = float(np.std(error - smooth))
+    # The median, because the fall at the beginning is no scatter.
+    scatter = _MAD_TO_SIGMA * float(np.median(np.abs(error - smooth)))
     high = np.flatnonzero(smooth > smooth[best] + max(scatter, _AS_GOOD * smooth[best]))
     return int(high[high < best].max(initial=-1)) + 1, int(high[high > best].min(initial=len(smooth))) - 1
 
