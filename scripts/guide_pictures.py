@@ -252,6 +252,8 @@ def run_list(runs: Path, made: Path) -> dict[str, Image]:
         controller.window.named_actions["show_runs"].trigger()
         pump(2.0)
         settle(controller)
+        # The thumbnails have found their new places, and are drawn one by one.
+        pump(4.0)
         return {"runs": image_of(controller.window)}
 
 

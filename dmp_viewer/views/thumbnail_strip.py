@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from qtpy.QtCore import QPoint, QRectF, QSize, Qt, Signal
+from qtpy.QtCore import QPoint, QRectF, QSize, Qt, QTimer, Signal
 from qtpy.QtGui import QColor, QHelpEvent, QImage, QMouseEvent, QPainter, QPaintEvent, QPen, QResizeEvent
 from qtpy.QtWidgets import QSizePolicy, QToolTip, QWidget
 
@@ -132,7 +132,8 @@ class ThumbnailStrip(QWidget):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """There is room for more, or fewer."""
         super().resizeEvent(event)
-        self.want()
+        # With the next turn: where the steps lie is known when the slider has its new width as well.
+        QTimer.singleShot(0, self, self.want)
 
     def showEvent(self, event: object) -> None:
         """Now the pictures can be seen."""

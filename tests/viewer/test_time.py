@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -186,3 +187,15 @@ def test_pictures_are_those_of_the_run_on_show(viewer: Controller, trained_run: 
     assert strip._pictures
     viewer.workspace.open_problem(trained_run.problem, Source("scan", trained_run.problem.mesh))
     assert strip._pictures == {}
+
+
+def test_a_strip_with_another_width_gets_all_its_pictures(viewer: Controller, fake_run: FakeRun, qtbot: QtBot) -> None:
+    fake_run.settings = replace(fake_run.settings, steps=120, snapshot_every=5)
+    assert len(list(fake_run.records())) == 121
+    show_fake(viewer, fake_run)
+    strip = viewer.window.timeline.strip
+    qtbot.waitUntil(lambda: not strip.missing(), timeout=20_000)
+    for width in (700, 1240, 860):
+        viewer.window.resize(width, 700)
+        qtbot.wait(50)
+        qtbot.waitUntil(lambda: not strip.missing(), timeout=20_000)
