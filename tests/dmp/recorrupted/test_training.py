@@ -232,7 +232,7 @@ def test_noise_along_the_normal_leaves_vertices_in_their_tangential_places() -> 
 
 
 def test_a_look_out_of_turn_changes_nothing() -> None:
-    mesh = sphere_mesh(5)
+    mesh = sphere_mesh(4)
     noisy = _noisy(mesh, 0.2 * _edge_length(mesh))
     small = {"steps": 4, "snapshot_every": 2, "log_every": 2, "hold_out": 0.2}
     quiet, looked_at = _training(noisy, **small), _training(noisy, **small)
@@ -247,7 +247,7 @@ def test_a_look_out_of_turn_changes_nothing() -> None:
 
 
 def test_what_was_held_out_is_kept_with_the_state() -> None:
-    mesh = sphere_mesh(5)
+    mesh = sphere_mesh(4)
     noisy = _noisy(mesh, 0.2 * _edge_length(mesh))
     small = {"steps": 6, "snapshot_every": 2, "log_every": 2, "hold_out": 0.2}
     expected = [record.metrics for record in _training(noisy, **small).steps()]
@@ -262,7 +262,7 @@ def test_what_was_held_out_is_kept_with_the_state() -> None:
 
 
 def test_a_training_that_leaves_its_course_goes_back_and_on_more_slowly() -> None:
-    mesh = sphere_mesh(5)
+    mesh = sphere_mesh(4)
     noisy = _noisy(mesh, 0.2 * _edge_length(mesh))
     small = {"steps": 12, "snapshot_every": 4, "log_every": 4, "hold_out": 0.2}
     training = _training(noisy, mesh, **small)
