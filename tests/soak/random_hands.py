@@ -114,13 +114,16 @@ class Hands:
         self._tell(f"drag in {self._described(widget)}")
         button = self._one(_BUTTONS)
         # A drag of rows has an event loop of its own, which ends by the real mouse alone.
-        QTimer.singleShot(_LONGEST_DRAG_MS, QDrag.cancel)
+        end_of_drag = QTimer()
+        end_of_drag.timeout.connect(QDrag.cancel)
+        end_of_drag.start(_LONGEST_DRAG_MS)
         QTest.mousePress(widget, button, Qt.KeyboardModifier.NoModifier, place)
         for _ in range(int(self._random.integers(1, 6))):
             place += QPoint(*(int(step) for step in self._random.integers(-60, 61, 2)))
             QTest.mouseMove(widget, place)
             pump(0.0)
         QTest.mouseRelease(widget, button, Qt.KeyboardModifier.NoModifier, place)
+        end_of_drag.stop()
 
     def _wheel(self, controller: Controller) -> None:
         widget, place = self._widget(controller)
