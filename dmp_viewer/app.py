@@ -98,7 +98,7 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
     from dmp_viewer.controller import Controller
     from dmp_viewer.keys import bindings
     from dmp_viewer.picture_job import PictureJob
-    from dmp_viewer.shutdown import Shutdown
+    from dmp_viewer.shutdown import Shutdown, destroy
     from dmp_viewer.tasks import TASKS
     from dmp_viewer.views.banner import Message
     from dmp_viewer.views.main_window import MainWindow
@@ -142,6 +142,7 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
         job.finished.connect(application.exit)
         job.begin(expects_mesh=arguments.path is not None)
     code = application.exec()
+    destroy(window)
     return job.exit_code if job is not None else code
 
 

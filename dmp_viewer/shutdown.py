@@ -14,14 +14,14 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import QObject, QSocketNotifier, QTimer
+from qtpy.QtCore import QCoreApplication, QEvent, QObject, QSocketNotifier, QTimer
 
 from dmp.errors import DmpError
 from dmp.meshio import write_mesh
 from dmp.runs import Run
 
 if TYPE_CHECKING:
-    from qtpy.QtWidgets import QApplication
+    from qtpy.QtWidgets import QApplication, QWidget
 
     from dmp_viewer.controller import Controller
 
@@ -97,6 +97,17 @@ class Shutdown(QObject):
         controller.window.close_guard = lambda: True
         controller.window.close()
         self._application.exit(0)
+
+
+def destroy(window: QWidget) -> None:
+    """Let Qt destroy a closed window, while the caller and all its children still hold their Python objects.
+
+    Left to Python's reference count, a window takes its children's Python objects along before the children themselves, and
+    one of these that calls what it overrides then ends the process.
+    """
+    window.deleteLater()
+    QCoreApplication.sendPostedEvents(window, QEvent.Type.DeferredDelete)
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 
 
 def _rescue(run: object) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import torch  # noqa: F401  # before Qt, as in the application
-from qtpy.QtCore import QCoreApplication, QEvent
+from qtpy.QtCore import QCoreApplication
 from qtpy.QtWidgets import QApplication
 
 from dmp.errors import DmpError
@@ -27,6 +27,7 @@ from dmp_viewer import startup
 from dmp_viewer.app import make_application
 from dmp_viewer.controller import Controller
 from dmp_viewer.settings import Preferences
+from dmp_viewer.shutdown import destroy
 from dmp_viewer.tasks import TASKS
 from dmp_viewer.views.main_window import MainWindow
 from tests.meshes import grid_mesh, sphere_mesh
@@ -93,8 +94,7 @@ def end_window(controller: Controller) -> None:
     controller.queue.close()
     controller.leave()
     controller.window.close()
-    controller.window.deleteLater()
-    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    destroy(controller.window)
     pump(0.02)
 
 

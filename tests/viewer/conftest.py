@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch  # noqa: F401  # before Qt, as in the application
 from pytestqt.qtbot import QtBot
-from qtpy.QtCore import QCoreApplication, QEvent
+from qtpy.QtCore import QCoreApplication
 from qtpy.QtGui import QAction
 from qtpy.QtWidgets import QApplication, QMainWindow
 
@@ -24,6 +24,7 @@ from dmp_viewer import actions, keys, startup
 from dmp_viewer.app import make_application
 from dmp_viewer.controller import Controller
 from dmp_viewer.settings import Preferences
+from dmp_viewer.shutdown import destroy
 from dmp_viewer.tasks import TASKS
 from dmp_viewer.views import dialogs, export_dialog, filter_choice, questions, run_choice
 from dmp_viewer.views.main_window import MainWindow
@@ -163,8 +164,7 @@ def make_viewer(qtbot: QtBot, tmp_path: Path) -> Iterator[Callable[..., Controll
         controller.presenter.close()
         controller.queue.release()
         controller.window.close()
-        controller.window.deleteLater()
-    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        destroy(controller.window)
     QCoreApplication.processEvents()
 
 
