@@ -17,6 +17,7 @@ from dmp.errors import SettingsError, TrainingError
 from dmp.geometry import face_area_vectors, normalised
 from dmp.mesh import BoolArray, FloatArray
 from dmp.problem import Problem
+from dmp.recorrupted.detail import given_back
 from dmp.recorrupted.filter_bank import diffusions, invariants
 from dmp.recorrupted.held_out import hold_out_rings, standard_errors_above
 from dmp.recorrupted.losses import normal_errors, position_errors, weighted
@@ -329,6 +330,7 @@ class RecorruptedTraining(Training):
         before = self._whole.positions
         after = self._average(before, self._whole.operators, self._level)
         share = min(1.0, _TANGENTIAL_KEPT * self.noise.tangential)
+        after = given_back(before, after, self._whole.operators, self.settings.recorruption, across=share >= 1)
         if share < 1:
             after = _mostly_along_normals(before, after, self._whole.operators.incidence, share)
         return torch.lerp(before, after, self._trust) * self._scale
