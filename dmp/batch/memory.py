@@ -37,8 +37,12 @@ def most_vertices(job: BatchJob) -> int:
 
 
 def bytes_needed(n_vertices: int, settings: Settings) -> int:
-    """Return about how many bytes a worker needs at most to train on a mesh of ``n_vertices``."""
-    return _PROCESS_BYTES + memory_needed(settings, n_vertices)
+    """Return about how many bytes a worker needs at most to train on a mesh of ``n_vertices``.
+
+    A training that may take less than it likes to takes a longer way.
+    """
+    needed = _PROCESS_BYTES + memory_needed(settings, n_vertices)
+    return min(needed, int(settings.memory * 1e9)) if settings.memory else needed
 
 
 def free_bytes() -> int:

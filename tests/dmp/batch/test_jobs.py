@@ -123,3 +123,4 @@ def test_memory_is_foreseen_from_the_file(scans: Path) -> None:
     assert needs == sorted(needs)
     assert needs[2] > 4 * 2**30 > needs[1]
     assert bytes_needed(100_000, settings_for("denoise", "paper")) > bytes_needed(100_000, settings_for("denoise"))
+    assert bytes_needed(1_000_000, settings_for("denoise", memory=4.2)) == 4_200_000_000
