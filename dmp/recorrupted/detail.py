@@ -54,7 +54,8 @@ def given_back(before: Tensor, after: Tensor, operators: Operators, recorruption
     products = band_along * (left_along - left_along.mean())
     squares = band_along.square()
     sure = ((_ratio(products.mean(), squares.mean()) - _CLEARLY) / (_SURE - _CLEARLY)).clamp(0, 1)
-    likeness = _ratio(_diffused(products, operators, _SURROUNDINGS), _diffused(squares, operators, _SURROUNDINGS))
+    around = _diffused(torch.cat([products, squares], dim=1), operators, _SURROUNDINGS)
+    likeness = _ratio(around[:, :1], around[:, 1:])
     returned_along = _along(returned, normals)
     result = after + sure * (1 - _kept(likeness, recorruption)) * returned_along * normals
     if across:
