@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -61,7 +62,7 @@ class Curve:
     def __init__(self, rows: Iterable[Mapping[str, float]] = ()) -> None:
         self.generation = 0
         self._rows: list[dict[str, float]] = []
-        self._columns: dict[str, tuple[list[float], list[float]]] = {}
+        self._columns: dict[str, tuple[array[float], array[float]]] = {}
         self._lowest: dict[str, float] = {}
         self.extend(rows)
 
@@ -85,7 +86,7 @@ class Curve:
         for name, value in row.items():
             # The first step changes nothing yet; its movement of 0 would only keep the axis from being logarithmic.
             if name in MEASURE_BY_NAME and not (name == "inserted_movement" and row["step"] <= 1):
-                steps, values = self._columns.setdefault(name, ([], []))
+                steps, values = self._columns.setdefault(name, (array("d"), array("d")))
                 steps.append(row["step"])
                 values.append(value)
                 self._lowest[name] = min(value, self._lowest.get(name, math.inf))
@@ -103,7 +104,7 @@ class Curve:
 
     def series(self, name: str) -> Series:
         """Return steps and values of one measure, two float arrays of equal length."""
-        steps, values = self._columns.get(name, ([], []))
+        steps, values = self._columns.get(name, (array("d"), array("d")))
         return np.array(steps, dtype=np.float64), np.array(values, dtype=np.float64)
 
     def lowest(self, name: str) -> float:

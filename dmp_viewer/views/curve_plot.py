@@ -107,6 +107,7 @@ class CurvePlot(pg.PlotWidget):
             for items in (self._raw, self._smooth):
                 items[name] = pg.PlotDataItem(skipFiniteCheck=False)
                 self._view_of(name).addItem(items[name])
+                _thin(items[name])
             self._style(name)
 
     def set_hidden(self, names: set[str]) -> None:
@@ -142,6 +143,7 @@ class CurvePlot(pg.PlotWidget):
             self._other_series[name] = curve.series(name)
             for item in self._other[name]:
                 self._view_of(name).addItem(item)
+            _thin(self._other[name][0])
             self._style_other(name)
 
     def set_levels(self, references: Sequence[Reference]) -> None:
@@ -364,6 +366,16 @@ class _MarkLine(pg.InfiniteLine):
         self._boundingRect = None
         self.prepareGeometryChange()
         self.boundingRect()
+
+
+def _thin(line: pg.PlotDataItem) -> None:
+    """Let a line be drawn with no more than its highest and lowest value for each column of pixels.
+
+    To be called when it is in its view, which gives it a mode of its own. All of a line of a very long training would take
+    longer to draw than the time until it is drawn again.
+    """
+    line.setDownsampling(auto=True, method="peak")
+    line.opts["autoDownsampleFactor"] = 1.0
 
 
 def _faded(color: str, alpha: float = 0.75) -> QColor:
