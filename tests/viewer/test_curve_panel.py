@@ -105,7 +105,8 @@ def test_the_legend_tells_the_values_of_the_shown_step(curve: CurvePanel) -> Non
 
 @pytest.mark.parametrize("measure", ["data_loss", "mad"])
 def test_a_long_line_is_drawn_with_few_points_among_them_its_extremes(curve: CurvePanel, qtbot: QtBot, measure: str) -> None:
-    rows = [{"step": float(step), "seconds": 1.0, measure: 1.0 + 0.1 * np.sin(step)} for step in range(30_000)]
+    usual = {"seconds": 1.0, "data_loss": 1.0, "mad": 1.0}
+    rows = [{"step": float(step), **usual, measure: 1.0 + 0.1 * np.sin(step)} for step in range(30_000)]
     rows[12_345][measure], rows[23_456][measure] = 3.0, 0.5
     curve.set_curve(Curve(rows), settings_for())
     qtbot.waitUntil(lambda: len(curve.plot._raw[measure].getData()[1]) < 4 * curve.plot.width())
