@@ -8,6 +8,7 @@ from dmp.errors import DmpError
 from dmp.problem import Problem
 from dmp.settings import Settings
 from dmp_viewer import curve_notes as notes
+from dmp_viewer.curve import Curve
 from dmp_viewer.hole_presenter import HolePresenter
 from dmp_viewer.marks import step_marks
 from dmp_viewer.memory_use import memory_text
@@ -20,7 +21,8 @@ from dmp_viewer.views.main_window import MainWindow
 from dmp_viewer.views.run_panel import Status, progress_text
 from dmp_viewer.views.timeline import slider_marks
 
-_CURVE_INTERVAL_MS = 100
+# The curve is drawn again ten times a second, a long one less often: what comes meanwhile is less than a pixel of it.
+_CURVE_INTERVAL_MS, _LONGEST_CURVE_INTERVAL_MS, _CURVE_ROWS_A_MS = 100, 1000, 40
 _ALL = (
     "mesh", "look", "switches", "input", "middle", "predicted", "compared", "scale", "steps", "markers", "controls",
     "progress", "titles", "holes", "rims", "note", "picked", "other",
@@ -46,7 +48,7 @@ class Presenter(QObject):
         self._timer.timeout.connect(self.flush)
         self._curve_timer = QTimer(self)
         self._curve_timer.setSingleShot(True)
-        self._curve_timer.setInterval(_CURVE_INTERVAL_MS)
+        self._drawn_curve: Curve | None = None
         self._curve_timer.timeout.connect(self._draw_curve)
         for signal, parts in (
             (workspace.problem_changed, _ALL),
@@ -168,11 +170,15 @@ class Presenter(QObject):
         )
 
     def _on_curve_changed(self) -> None:
-        if not self._curve_timer.isActive():
-            self._curve_timer.start()
+        curve = self._workspace.curve
+        longest = _LONGEST_CURVE_INTERVAL_MS if curve is self._drawn_curve else _CURVE_INTERVAL_MS
+        interval = min(longest, max(_CURVE_INTERVAL_MS, len(curve) // _CURVE_ROWS_A_MS))
+        if not self._curve_timer.isActive() or interval < self._curve_timer.remainingTime():
+            self._curve_timer.start(interval)
 
     def _draw_curve(self) -> None:
         workspace = self._workspace
+        self._drawn_curve = workspace.curve
         settings: Settings | None = workspace.run.settings if workspace.run is not None else None
         self._window.curve.set_curve(workspace.curve, settings)
         self._draw_note()

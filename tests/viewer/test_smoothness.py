@@ -128,3 +128,30 @@ def test_a_long_training_needs_no_more_memory_than_its_snapshots(
         print(f"\n{size / 1e6:.1f} MB of snapshots: memory grew by {grown / 1e6:.1f} MB, at most by {peak / 1e6:.1f} MB")
     # Beside the snapshots: the curve, a few pictures of them, and what the panes show.
     assert grown < 1.15 * size + 4e6
+
+
+def test_a_long_curve_is_drawn_less_often(
+    viewer: Controller, qtbot: QtBot, long_run: FakeRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    panel = viewer.window.curve
+    drawn: list[float] = []
+    draw = panel.set_curve
+    monkeypatch.setattr(panel, "set_curve", lambda *both: (drawn.append(time.perf_counter()), draw(*both)))
+    row = {name: value for name, value in long_run.rows[-1].items() if name != "step"}
+
+    def grown_by_a_row_now_and_then(n_rows: int) -> float:
+        """Return the time between two drawings of a curve of so many rows that goes on growing."""
+        run = FakeRun(long_run.problem, long_run.settings, rows=[{"step": step, **row} for step in range(n_rows)])
+        drawn.clear()
+        viewer.workspace.open_run(run, run.problem, Source("sheet", run.problem.mesh), None)
+        qtbot.waitUntil(lambda: bool(drawn))
+        step = n_rows
+        while len(drawn) < 3:
+            step += 1
+            viewer.workspace.add_records([StepRecord(step, 1.0, row)])
+            qtbot.wait(5)
+        return drawn[-1] - drawn[-2]
+
+    long = grown_by_a_row_now_and_then(32_000)
+    assert long > 0.75
+    assert grown_by_a_row_now_and_then(100) < long
