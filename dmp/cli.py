@@ -14,6 +14,8 @@ from cyclopts import App, Parameter
 from dmp import __version__
 from dmp.commands import batching, experimenting, exporting, filtering, kept_runs, measuring, meshes, repairing, restoring
 from dmp.commands.common import EXIT_DONE, EXIT_FAULT, EXIT_INTERRUPTED, EXIT_USAGE, say
+from dmp.commands.refusals import check_working_folder, of_the_system, say_plainly
+from dmp.commands.streams import OutputError, forgiving_streams
 from dmp.errors import DmpError
 from dmp.waiting import spin_only_briefly
 
@@ -51,28 +53,38 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command line and leave the process with its exit code."""
     spin_only_briefly()
     try:
+        with forgiving_streams():
+            code = _run(arguments)
+    except OutputError as error:
+        say(f"dmp: {error}")
+        code = EXIT_USAGE
+    sys.exit(code)
+
+
+def _run(arguments: list[str] | None) -> int:
+    """Run the command line and return its exit code."""
+    try:
+        check_working_folder()
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-        sys.stdout.flush()
+        return code if isinstance(code, int) else EXIT_DONE
     except cyclopts.CycloptsError as error:
         chain = " ".join(["dmp", *(error.command_chain or ())])
         say(f"dmp: {' '.join(str(error).split())} Try '{chain} --help'.")
-        code = EXIT_USAGE
+        return EXIT_USAGE
     except DmpError as error:
         say(f"dmp: {error}")
-        code = EXIT_USAGE
+        return EXIT_USAGE
     except KeyboardInterrupt:
         say("dmp: interrupted.")
-        code = EXIT_INTERRUPTED
-    except BrokenPipeError:
-        # The reader of our output has gone, as in `dmp runs | head`; nothing is left to say it to.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        code = EXIT_DONE
+        return EXIT_INTERRUPTED
     except Exception as error:
         if os.environ.get("DMP_DEBUG"):
             raise
+        if refusal := of_the_system(error):
+            say_plainly(f"dmp: {refusal}")
+            return EXIT_USAGE
         say(
             f"dmp: this is a fault of the program: {type(error).__name__}: {error}. "
             "Set DMP_DEBUG=1 and run it again for details to report."
         )
-        code = EXIT_FAULT
-    sys.exit(code if isinstance(code, int) else EXIT_DONE)
+        return EXIT_FAULT

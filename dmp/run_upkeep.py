@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -88,6 +89,12 @@ def shape_of(run: Run, step: int | None) -> TriangleMesh:
     if not np.isfinite(vertices).all():
         raise RunError(f"Step {step} of the run in {run.folder} is damaged: it holds positions beyond all numbers.")
     return mesh.with_vertices(vertices)
+
+
+def is_part_of_run(file: Path, folder: Path) -> bool:
+    """Tell whether a file would take the place of one that this program writes into a run folder."""
+    place, run = (os.path.realpath(path) for path in (file.absolute().parent, folder))
+    return (place == run and file.name in (*_FILES, MANIFEST)) or place == os.path.realpath(folder / "snapshots")
 
 
 def refuse_removal(folder: Path) -> None:

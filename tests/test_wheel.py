@@ -45,5 +45,5 @@ def test_both_commands_are_installed(wheel: Path, names: set[str]) -> None:
     (entry_points,) = (name for name in names if name.endswith("entry_points.txt"))
     with zipfile.ZipFile(wheel) as archive:
         text = archive.read(entry_points).decode()
-    assert "dmp = dmp.cli:main" in text
+    assert "dmp = dmp.__main__:main" in text
     assert "dmp-viewer = dmp_viewer.__main__:main" in text

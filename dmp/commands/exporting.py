@@ -13,7 +13,7 @@ from cyclopts import Group, Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from dmp.commands.common import EXIT_DONE, load, refuse_as_output, run_folder, say
+from dmp.commands.common import EXIT_DONE, load, refuse_as_output, refuse_within_run, run_folder, say
 from dmp.commands.options import Quiet
 from dmp.errors import SettingsError
 from dmp.quantities import QUANTITIES, Quantity
@@ -178,6 +178,7 @@ def curve(
 
     check_target(output, CURVE_SUFFIXES)
     opened = _open(run_folder(run))
+    refuse_within_run(output, opened.folder)
     rows = opened.curve()
     known = [name for name in curve_columns(rows) if name not in ("step", "seconds")]
     for name in measure or ():

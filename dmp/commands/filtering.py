@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
 from cyclopts import Parameter
 
-from dmp.commands.common import EXIT_DONE, check_output, load, say
+from dmp.commands.common import EXIT_DONE, check_output, load, refuse_as_output, say
 from dmp.commands.options import MeshPath, OutPath, Quiet, given
-from dmp.errors import MeshFileError, SettingsError
+from dmp.errors import SettingsError
 from dmp.filters import FILTERS, FilterParameter, filter_named
 
 if TYPE_CHECKING:
@@ -64,9 +64,7 @@ def filter_(
         options = " and ".join("--" + name.replace("_", "-") for name in named)
         raise SettingsError(f"--tune chooses the parameters itself. Leave out {options}.")
     check_output(output)
-    for source in (mesh, ground_truth):
-        if source is not None and output.exists() and source.exists() and output.samefile(source):
-            raise MeshFileError(output, "this is the file that is read", "Name another one, so that it stays as it is.")
+    refuse_as_output(output, mesh, ground_truth)
     noisy = load(mesh, quiet)
     truth = None if ground_truth is None else _truth(ground_truth, noisy, quiet)
     if tune and truth is not None:

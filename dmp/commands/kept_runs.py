@@ -11,7 +11,16 @@ from cyclopts import App, Parameter
 from rich.console import Console
 from rich.markup import escape
 
-from dmp.commands.common import EXIT_DONE, EXIT_USAGE, check_output, run_folder, say
+from dmp.commands.common import (
+    EXIT_DONE,
+    EXIT_USAGE,
+    check_output,
+    check_report,
+    refuse_as_output,
+    refuse_within_run,
+    run_folder,
+    say,
+)
 from dmp.commands.exporting import ColourName, quantity_named
 from dmp.commands.options import AsJson, Keep, OutPath, Quiet, ReportPath, Verbose
 
@@ -35,11 +44,16 @@ def resume(
     from dmp.runs import Run
 
     opened = Run.open(run_folder(run))
+    if output is not None:
+        check_output(output)
+        refuse_as_output(output, opened.input_path)
+        refuse_within_run(output, opened.folder)
+    if report is not None:
+        check_report(report, output, opened.input_path)
+        refuse_within_run(report, opened.folder)
     if change := opened.change_of_input():
         say(change, quiet)
     check_keep(keep, opened.settings, has_truth=opened.problem().ground_truth is not None, last_step=steps)
-    if output is not None:
-        check_output(output)
     if steps is None and opened.has_ended and (output is not None or report is not None):
         # Killed after its last step, before its result was written.
         say("This training has reached its end already.", quiet)
@@ -74,6 +88,9 @@ def export(
     from dmp.runs import Run
 
     opened = Run.open(run_folder(run))
+    check_output(output)
+    refuse_as_output(output, opened.input_path)
+    refuse_within_run(output, opened.folder)
     chosen = choose_step(opened, step or ("kept" if opened.kept_step is not None else "suggested"))
     notes = write_mesh(output, annotated_mesh(opened, chosen, quantity_named(colour_by, opened)))
     say(" ".join((f"Step {chosen} written to {output}.", *notes)), quiet)
@@ -179,7 +196,7 @@ def delete(
 
 def _agreed(folders: list[Path]) -> bool:
     """Ask on the terminal; where nobody can answer, nothing is deleted."""
-    if not sys.stdin.isatty():
+    if sys.stdin is None or not sys.stdin.isatty():
         say("dmp: deleting cannot be taken back. Add --yes to do it without a question.")
         return False
     for folder in folders:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from dmp.commands.common import EXIT_DONE, check_output, load, say
+from dmp.commands.common import EXIT_DONE, check_output, load, refuse_as_output, say
 from dmp.commands.options import AsJson, MeshPath, OutPath, Quiet
 from dmp.errors import SettingsError
 
@@ -111,6 +111,7 @@ def noise(
             )
         named[option] = value
     check_output(output)
+    refuse_as_output(output, mesh)
     write_mesh(output, add_noise(load(mesh, quiet), level, kind=kind, seed=seed, **named))
     say(f"Noise '{kind}' of {level:g} mean edge lengths written to {output}.", quiet)
     return EXIT_DONE
@@ -131,6 +132,7 @@ def smooth(
 
     steps = check("smoothing_steps", smoothing_steps)
     check_output(output)
+    refuse_as_output(output, mesh)
     loaded = load(mesh, quiet)
     write_mesh(output, loaded.with_vertices(laplacian_smoothing(loaded, steps)))
     say(f"{steps} smoothing steps written to {output}.", quiet)

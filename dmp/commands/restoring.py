@@ -7,7 +7,15 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from dmp.commands.common import EXIT_DONE, check_output, load, refuse_as_output, say
+from dmp.commands.common import (
+    EXIT_DONE,
+    check_output,
+    check_report,
+    load,
+    refuse_as_output,
+    refuse_within_run,
+    say,
+)
 from dmp.commands.options import (
     CompleteOptions,
     DenoiseOptions,
@@ -123,8 +131,12 @@ def _restore(
     check_keep(keep, settings, has_truth=ground_truth is not None)
     check_output(output)
     refuse_as_output(output, mesh, ground_truth)
-    if report is not None and not report.absolute().parent.is_dir():
-        raise SettingsError(f"--report {report}: the folder {report.parent} does not exist.")
+    check_report(report, output, mesh, ground_truth)
+    for written in (output, report):
+        if run is not None and written is not None:
+            if written.absolute() == run.absolute():
+                raise SettingsError(f"{run} cannot be both the run folder and a file. Name another place for one of them.")
+            refuse_within_run(written, run)
     damaged = load(mesh, quiet)
     # Before anything is made of a mesh that is too large.
     if longer_way := check_memory(settings, damaged.n_vertices):

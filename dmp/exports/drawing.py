@@ -80,6 +80,12 @@ def check_target(path: Path, suffixes: tuple[str, ...]) -> None:
     """Refuse a file that could not be written after the work is done (raises :class:`MeshFileError`)."""
     if path.suffix.lower() not in suffixes:
         raise MeshFileError(path, "the name does not say a format that can be written", f"End it in {' or '.join(suffixes)}.")
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:
+        raise MeshFileError(path, in_words(error), "Choose another name or folder.") from error
     if path.is_dir() or not path.absolute().parent.is_dir():
         cause = "this is a folder" if path.is_dir() else f"the folder {path.parent} does not exist"
         raise MeshFileError(path, cause, "Name a file in a folder that exists.")

@@ -27,14 +27,13 @@ from numpy.typing import NDArray
 
 from dmp.formats.assemble import PolygonMesh, counted
 from dmp.formats.ply_binary import read_binary_tables
-from dmp.formats.ply_header import Element, Header, read_header
+from dmp.formats.ply_header import INDEX_LISTS, Element, Header, read_header
 from dmp.formats.ply_tables import Table, read_text_tables
 from dmp.formats.ply_writing import COLOUR, DISPLACEMENT, POSITION, TYPE_NAMES
 from dmp.formats.source import FormatError, SourceFile
 from dmp.formats.strips import unroll_strips
 from dmp.mesh import FloatArray, IntArray
 
-_INDEX_LISTS = ("vertex_indices", "vertex_index")
 _NORMAL = ("nx", "ny", "nz")
 _RESAVE = "Save or copy the file again from where it came from."
 _CONVERT = "Open the file in the program it came from and save it as PLY again."
@@ -66,7 +65,7 @@ def read_ply(source: SourceFile) -> PolygonMesh:
     found = PolygonMesh(vertices, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), str, 0, attributes, notes)
     if face is not None and face.count:
         table = tables[face.name]
-        item = face.find(*_INDEX_LISTS)
+        item = face.find(*INDEX_LISTS)
         assert item is not None
         values, found.counts = table.lists[item.name]
         found.corners, found.place = _whole(values, found.counts, table), table.place
@@ -88,9 +87,11 @@ def _face_element(header: Header) -> Element | None:
         element = header.find(name)
         if element is None or not element.count:
             continue
-        item = element.find(*_INDEX_LISTS)
+        item = element.find(*INDEX_LISTS)
         if item is None or item.count_type is None:
             raise FormatError(f"the element '{name}' of the PLY file has no list 'vertex_indices'", _CONVERT)
+        if all(element.find(other) for other in INDEX_LISTS):
+            raise FormatError(f"the element '{name}' of the PLY file has both {' and '.join(INDEX_LISTS)}", _CONVERT)
         if item.value_type.startswith("f"):
             raise FormatError(f"the indices of the element '{name}' are declared as '{TYPE_NAMES[item.value_type]}'", _CONVERT)
         return element

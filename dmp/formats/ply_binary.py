@@ -11,13 +11,14 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dmp.formats.assemble import counted
-from dmp.formats.ply_header import Element, Header, Property
+from dmp.formats.ply_header import INDEX_LISTS, Element, Header, Property
 from dmp.formats.ply_tables import Table
 from dmp.formats.source import FormatError, SourceFile
 from dmp.mesh import IntArray
 
 _RESAVE = "Save or copy the file again from where it came from."
 _GATHERED_BYTES = 1 << 24
+_FEW_ROWS = 100_000
 
 
 def read_binary_tables(source: SourceFile, header: Header, notes: list[str]) -> dict[str, Table]:
@@ -152,6 +153,7 @@ class _BinaryElement:
                 lists.append(item)
                 runs.append([])
                 run_bytes.append(0)
+        self._check_room(start)
         places, counts, end = self._walk(start, lists, run_bytes)
         row_starts = places[0]
         table = self._table(lambda row: int(row_starts[row]))
@@ -163,6 +165,27 @@ class _BinaryElement:
             starts = places[index + 1] - counts[index] * value_type.itemsize
             table.lists[item.name] = self._gather(starts, counts[index], value_type), counts[index]
         return table, end
+
+    def _check_room(self, start: int) -> None:
+        """Refuse faces, more than half of which cannot have three corners, before each of them is looked at.
+
+        Otherwise a file of megabytes, all bytes of which are empty faces, would take a gigabyte.
+
+        Raises:
+            FormatError: when the bytes from ``start`` on are too few.
+        """
+        index = self.element.find(*INDEX_LISTS)
+        is_small = self.element.count <= _FEW_ROWS  # looking at each of them finds the one that is damaged
+        if is_small or self.element.name != "face" or index is None or index.count_type is None:
+            return
+        needed = self.element.count * self.element.smallest_row
+        needed += 3 * np.dtype(index.value_type).itemsize * (self.element.count // 2)
+        if needed > len(self.body) - start:
+            raise FormatError(
+                f"byte {self.offset + start:,}: {self.element.count:,} faces are declared, but most of them cannot have three "
+                f"corners in the {len(self.body) - start:,} bytes that follow",
+                f"The file was cut off, or a count is wrong. {_RESAVE}",
+            )
 
     def _walk(self, start: int, lists: list[Property], run_bytes: list[int]) -> tuple[list[IntArray], list[IntArray], int]:
         """Go from row to row; return where each run begins, how long each list is, and the end of the last row."""

@@ -27,6 +27,7 @@ _TYPES = {
     **{"int64": "i8", "uint64": "u8"},
 }
 _BYTE_ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
+INDEX_LISTS = ("vertex_indices", "vertex_index")
 _HEADER_BYTES = 1 << 24
 _MAXIMUM_PROPERTIES = 1000
 _MAXIMUM_ELEMENTS = 100

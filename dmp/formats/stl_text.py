@@ -86,7 +86,8 @@ class _Reader:
         is_token[1:] &= text[:-1] <= 32
         starts = np.flatnonzero(is_token)[: n * len(_PATTERN)].reshape(n, len(_PATTERN))
         for position, word in _WORDS:
-            letters = text[starts[:n, position, None] + np.arange(len(word) + 1)]
+            # The last token of a text that was cut off is shorter than the word.
+            letters = text[np.minimum(starts[:n, position, None] + np.arange(len(word) + 1), len(text) - 1)]
             n = _first_false((letters[:, :-1] == np.frombuffer(word, dtype=np.uint8)).all(axis=1) & (letters[:, -1] <= 32))
         if not n:
             return 0

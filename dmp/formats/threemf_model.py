@@ -40,6 +40,7 @@ _RESAVE = "Save or copy the file again from where it came from."
 _OTHER_ELEMENTS = {"metadata", "metadatagroup", "resources", "basematerials", "base", "mesh", "vertices", "triangles"}
 _OTHER_ELEMENTS |= {"components", "build"}
 _PARENTS = {"resources": "model", "build": "model", "mesh": "object", "components": "object"}
+_ONCE = {"mesh", "vertices", "triangles", "components"}
 _OBJECT_ATTRIBUTES = {"id", "type", "thumbnail", "partnumber", "name", "pid", "pindex"}
 # Slicers write "printable" without a namespace.
 _PLACE_ATTRIBUTES = {"objectid", "transform", "partnumber", "printable"}
@@ -94,6 +95,7 @@ class ModelPart:
         self.notes: list[str] = []
         self._events = XmlEvents(f"the part '{show(name.encode(errors='replace'))}'", maximum_elements, namespaces=True)
         self._path: list[str] = []
+        self._met: set[str] = set()
         self._prefixes: dict[str, str] = {}
         self._object: ModelObject | None = None
         self._coordinates: list[str] = []
@@ -138,6 +140,7 @@ class ModelPart:
                 )
             self._object = ModelObject(f"object {show(number.encode(errors='replace'))} of {self._events.where}")
             self.objects[number] = self._object
+            self._met.clear()
             self._note_unknown(attributes, _OBJECT_ATTRIBUTES)
             self.has_materials |= "pid" in attributes
         elif local == "component" and parent == f"{CORE} components" and self._object is not None:
@@ -148,10 +151,15 @@ class ModelPart:
             raise self._events.error(f"'{local}' stand outside of a mesh")
         elif local in _PARENTS and parent != f"{CORE} {_PARENTS[local]}":
             raise self._events.error(f"'{local}' is out of place")
+        elif local in _ONCE and local in self._met:
+            # The triangles of a second mesh would be taken for those of the first one.
+            raise self._events.error(f"the object has '{local}' twice")
         elif local in ("vertex", "triangle"):
             raise self._events.error(f"a {local} is out of place")
         elif local not in _OTHER_ELEMENTS:
             raise self._events.error(f"'{show(local.encode(errors='replace'))}' is no element of 3MF")
+        if space == CORE:
+            self._met.add(local)
 
     def _end(self, name: str) -> None:
         self._path.pop()

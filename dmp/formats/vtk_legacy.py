@@ -29,6 +29,7 @@ _FILLED = re.compile(rb"[^ \t\r\n]")
 _OFFSETS = re.compile(rb"\s*OFFSETS\b", re.IGNORECASE)
 _MAXIMUM_FIELDS = 1000
 _FEW_ZEROS = 7
+_LINES = 1000
 _RESAVE = "Save or copy the file again from where it came from."
 _AS_POLYDATA = "Extract the surface in ParaView (filter Extract Surface) and save it as VTP or PLY."
 
@@ -243,11 +244,17 @@ class _Reader:
     def _fault(self, text: bytes, n: int, what: str) -> FormatError:
         """Return why a text does not hold ``n`` numbers."""
         first_line = self.content.count(b"\n", 0, self.position) + 1
-        for line, words in enumerate(text.split(b"\n"), first_line):
-            for word in words.split():
-                if parse_all(word, 1, np.float64) is None:
-                    return not_a_number(word, line)
-        n_found = len(text.split())
+        lines = text.split(b"\n")
+        n_found = 0
+        for begin in range(0, len(lines), _LINES):
+            part = b"\n".join(lines[begin : begin + _LINES])
+            n_words = len(part.split())
+            n_found += n_words
+            if parse_all(part, n_words, np.float64) is None:  # word by word, that takes seconds for a few megabytes
+                for line, words in enumerate(lines[begin : begin + _LINES], first_line + begin):
+                    for word in words.split():
+                        if parse_all(word, 1, np.float64) is None:
+                            return not_a_number(word, line)
         if n_found == n:
             return FormatError(f"line {first_line:,}: one of the {what} from here on is not a whole number", _RESAVE)
         return FormatError(

@@ -6,6 +6,7 @@ file is ever opened.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from xml.parsers import expat
 
@@ -13,6 +14,12 @@ from dmp.formats.source import FormatError
 from dmp.formats.text import encoding_of, show, transcode
 
 _MAXIMUM_DEPTH = 64
+# No mesh file has elements of more than a few dozen attributes; millions of them fill the memory before anything is told.
+_MAXIMUM_ATTRIBUTES = 1000
+_ATTRIBUTE_BYTES = 4  # of the shortest, such as a=""
+# Never fails after a letter and never goes back, so that no text makes it look at anything twice.
+_BEGINNING_OF_TAG = re.compile(rb"""<[^\W\d](?:[^<>"']*+(?:"[^"]*+"|'[^']*+'))*+""")
+_USUAL_ATTRIBUTES, _MAXIMUM_SURPLUS = 12, 20_000
 _RESAVE = "Save or copy the file again from where it came from."
 
 
@@ -73,8 +80,20 @@ class XmlEvents:
         parser = expat.ParserCreate(encoding, " " if self._namespaces else None)
         self._parser = parser
         limit, self._n_elements, self._depth = self._maximum_elements, 0, 0
+        n_surplus = 0
+        # Before the parser sees it, because it tells of an element only when it has taken in all of its attributes.
+        for tag in _BEGINNING_OF_TAG.finditer(content):
+            n_bytes = tag.end() - tag.start()
+            if n_bytes > _ATTRIBUTE_BYTES * _MAXIMUM_ATTRIBUTES and tag[0].count(b"=") > _MAXIMUM_ATTRIBUTES:
+                line = content.count(b"\n", 0, tag.start()) + 1
+                raise FormatError(f"{self._place(line)}: an element has more than {_MAXIMUM_ATTRIBUTES:,} attributes", _RESAVE)
 
         def on_start(name: str, attributes: dict[str, str]) -> None:
+            nonlocal n_surplus
+            if len(attributes) > _USUAL_ATTRIBUTES:
+                n_surplus += len(attributes)
+                if n_surplus > _MAXIMUM_SURPLUS:
+                    raise self.error("elements have far more attributes than any mesh file needs", _RESAVE)
             self._n_elements += 1
             self._depth += 1
             if self._n_elements > limit or self._depth > _MAXIMUM_DEPTH:
