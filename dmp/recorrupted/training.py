@@ -52,8 +52,11 @@ _CAUTION, _CLEAR_DETAIL = 0.98, 0.006
 # What trimming at three deviations leaves of the deviation of normally distributed values; a first guess of what an estimate
 # misses, before that can be tried on the restored mesh.
 _TRIMMED = 0.9866
-# The noise that is added is at least this share as strong across the normal as along it.
-_LEAST_TANGENTIAL = 0.5
+# The noise that is added is at least this share as strong across the normal as along it; weak noise more so, until it is as
+# strong or has this level across the normal, in mean edge lengths.
+_LEAST_TANGENTIAL, _LEAST_ACROSS = 0.5, 0.15
+# With less noise across the normal than this, what is taken away along it does not tell how it is distributed.
+_ALL_DIRECTIONS = 0.5
 # Where the noise is mostly along the normal, movements across it are kept by the tangential share of the noise times this: the
 # network makes more of them, because its draws do.
 _TANGENTIAL_KEPT = 1.5
@@ -206,7 +209,7 @@ class RecorruptedTraining(Training):
             return self.noise.level * draws, self.noise.level * draws
         along = (draws * piece.normals).sum(dim=1, keepdim=True) * piece.normals
         across = draws - along
-        added = max(share, _LEAST_TANGENTIAL)
+        added = max(share, _LEAST_TANGENTIAL, min(1.0, _LEAST_ACROSS / self._level))
         return self.noise.level * (along + added * across), self.noise.level * (along + share**2 / added * across)
 
     def _restored(
@@ -312,7 +315,8 @@ class RecorruptedTraining(Training):
         whole, normals = self._whole, self.noise.normals
         restored = self._average(whole.positions, whole.operators, self._level).cpu().numpy().astype(np.float64)
         removed = np.einsum("vc,vc->v", whole.positions.cpu().numpy() - restored, normals)
-        evenness, level = estimate_evenness(removed, normals), self.noise.level
+        evenness = estimate_evenness(removed, normals) if self.noise.tangential >= _ALL_DIRECTIONS else 0.0
+        level = self.noise.level
         if not self.settings.noise_level:
             estimate, shape = self._estimate.level, level_along(restored, whole.patch.faces, normals)
             left = float(np.sqrt(max(estimate**2 - _DETAIL_LOST * shape**2, (_LEAST_PART * estimate) ** 2)))
