@@ -1,6 +1,7 @@
 """``python -m dmp`` is the command line ``dmp``."""
 
 import signal
+import sys
 
 
 def main() -> None:
@@ -11,8 +12,14 @@ def main() -> None:
     heard = signal.getsignal(signal.SIGINT)
     if heard is signal.default_int_handler:  # a signal that is ignored, as in the background of a shell, stays so
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from dmp.cli import main as command_line
-
+    try:
+        from dmp.cli import main as command_line
+    except (ImportError, MemoryError) as error:
+        # A library for which there is no room is told as one that cannot be imported.
+        if isinstance(error, ImportError) and "failed to map segment" not in str(error):
+            raise
+        sys.stderr.write("dmp: There is not enough memory to start. Close other programs, or raise the limit (ulimit -v).\n")
+        sys.exit(2)
     signal.signal(signal.SIGINT, heard)
     command_line()
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from dmp.errors import MeshFileError
+from dmp.errors import MeshFileError, SettingsError
 from dmp.files import in_words
 from dmp.mesh import TriangleMesh
 
@@ -76,14 +76,17 @@ def check_report(report: Path | None, output: Path | None, *sources: Path | None
     """Refuse a report that could not be written, or would take the place of another file that matters.
 
     Raises:
-        MeshFileError: when it is the output, or one of the files that are read.
+        SettingsError: also when it is the output, or one of the files that are read.
     """
     if report is None:
         return
-    check_place(report)
-    refuse_as_output(report, *sources)
+    try:
+        check_place(report)
+        refuse_as_output(report, *sources)
+    except MeshFileError as error:
+        raise SettingsError(f"--report {error}") from error
     if output is not None and (_is_same_file(report, output) or report.absolute() == output.absolute()):
-        raise MeshFileError(report, "this is where the mesh is written", "Choose another name for the report.")
+        raise SettingsError(f"--report {report}: this is where the mesh is written. Choose another name for the report.")
 
 
 def _is_same_file(one: Path, other: Path) -> bool:

@@ -172,6 +172,20 @@ def test_runs_are_listed_by_names_that_resume_and_export_take(files: Path, capsy
         (["denoise", "noisy.ply", "-o", "x.ply", "--preset", "best", "--hold-out", "0.1"], "--hold-out"),
         (["complete", "noisy.ply", "-o", "x.ply", "--denoise", "--preset", "best"], "--denoise"),
         (["denoise", "noisy.ply", "-o", "x.ply", "--report", "no/such/r.json"], "--report"),
+        (["denoise", "noisy.ply", "-o", "x.ply", "--report", "noisy.ply"], "--report noisy.ply: this is the file that is read"),
+        (["denoise", "noisy.ply", "-o", "x.ply", "--report", "x.ply"], "where the mesh is written"),
+        (["denoise", "noisy.ply", "-o", "x.ply", "--run", "x.ply"], "cannot be both"),
+        (["denoise", "noisy.ply", "-o", "run/input.ply", "--run", "run"], "part of the run"),
+        (["noise", "noisy.ply", "-o", "noisy.ply"], "is read"),
+        (["smooth", "noisy.ply", "-o", "linked.ply"], "is read"),
+        (["filter", "noisy.ply", "-o", "noisy.ply", "--method", "taubin"], "is read"),
+        (["noise", "noisy.ply", "-o", "pipe.ply"], "not a file"),
+        (["noise", "noisy.ply", "-o", f"{'a' * 300}.ply"], "its name is too long"),
+        (["noise", "noisy.ply", "-o", f"{'a' * 300}/b.ply"], "its name is too long"),
+        (["picture", "noisy.ply", "-o", f"{'a' * 300}.png"], "its name is too long"),
+        (["picture", f"{'a' * 300}.ply", "-o", "a.png"], "its name is too long"),
+        (["export", "a" * 300, "-o", "b.ply"], "its name is too long"),
+        (["batch", f"{'a' * 300}.ply", "--out", "many"], "its name is too long"),
     ],
 )
 def test_what_could_not_be_meant_is_refused_at_once(
@@ -179,9 +193,33 @@ def test_what_could_not_be_meant_is_refused_at_once(
 ) -> None:
     monkeypatch.chdir(files)
     before = (files / "noisy.ply").read_bytes()
+    (files / "run").mkdir()
+    (files / "linked.ply").symlink_to("noisy.ply")
+    os.mkfifo(files / "pipe.ply")
     assert _run(*arguments) == 2
     assert words in capsys.readouterr().err
     assert (files / "noisy.ply").read_bytes() == before
+
+
+def test_no_output_takes_the_place_of_a_part_of_a_run_or_of_its_input(
+    files: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(files)
+    assert _run("denoise", "noisy.ply", "-o", "out.ply", "--run", "run", *FAST) == 0
+    before = {path: path.read_bytes() for path in files.rglob("*") if path.is_file()}
+    capsys.readouterr()
+    for arguments in (
+        ["export", "run", "-o", "run/input.ply"],
+        ["export", "run", "-o", "noisy.ply"],
+        ["resume", "run", "--steps", "100", "-o", "run/../run/input.ply"],
+        ["resume", "run", "--steps", "100", "--report", "run/run.json"],
+        ["resume", "run", "--steps", "100", "--report", "noisy.ply"],
+        ["curve", "run", "-o", "run/curve.csv"],
+    ):
+        assert _run(*arguments) == 2
+        assert re.search("part of the run|file that is read", capsys.readouterr().err), arguments
+    assert {path: path.read_bytes() for path in files.rglob("*") if path.is_file()} == before
+    assert _run("export", "run", "-o", "run/mesh.ply") == 0
 
 
 def test_denoising_is_done_even_when_there_is_no_hole(files: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,7 +28,7 @@ from tests.dmp.formats.containers import (
     simple_gltf,
     vtk_file,
 )
-from tests.dmp.formats.files import binary_stl, ply_header
+from tests.dmp.formats.files import binary_stl, ply_header, text_stl
 from tests.dmp.formats.samples import ALL_SAMPLES, SMALL
 from tests.meshes import sphere_mesh
 
@@ -355,3 +355,26 @@ def _found() -> Iterator[Broken]:
     yield "found_cut_after_line.obj", obj, "told", ""
     soup = SMALL.vertices[SMALL.faces]
     yield "found_solid_header.stl", binary_stl(soup, b"solid made by a program"), "same", ""
+    # The last word of a cut text reached beyond the end of the text.
+    cut = text_stl(SMALL.vertices[SMALL.faces]).rpartition("endfacet")[0] + "e\n"
+    yield "found_cut_word.stl", cut.encode(), "refused", ""
+    # Two meshes in one object: the triangles of the second were taken for those of the first.
+    one = object_xml(1, SMALL.vertices, SMALL.faces)
+    mesh_xml = one[one.index("<mesh>") : one.index("</object>")]
+    yield "found_second_mesh.3mf", pack_3mf(model_xml(one.replace("</object>", f"{mesh_xml}</object>"))), "refused", ""
+    points_xml = one[one.index("<vertices>") : one.index("<triangles>")]
+    yield "found_second_vertices.3mf", pack_3mf(model_xml(one.replace(points_xml, 2 * points_xml))), "refused", ""
+    # Millions of attributes: a minute, and a gigabyte.
+    attributes = " ".join(f'a{i:x}=""' for i in range(500_000))
+    yield "found_attributes.3mf", pack_3mf(model_xml("", "", attributes)), "refused", ""
+    yield "found_attributes.vtp", f"<VTKFile type='PolyData' {attributes}/>".encode(), "refused", ""
+    # All of its bytes are faces without corners, but for the first.
+    bare = ply_header("binary_little_endian", 3, 2_000_000).replace("uchar int", "uchar uchar").encode()
+    empty = bare + np.eye(3).tobytes() + b"\3\0\1\2" + bytes(1_999_999)
+    yield "found_empty_faces.ply", empty, "refused", ""
+    # Which of the two lists holds the faces?
+    both = ply_header("ascii", 3, 1, face="list uchar int vertex_index").encode() + b"0 0 0\n1 0 0\n0 1 0\n"
+    yield "found_two_lists.ply", both + b"3 0 1 2 3 0 2 1\n", "refused", ""
+    # The word that is no number was looked for word by word.
+    numbers = b"# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 300000 double\n"
+    yield "found_cut_numbers.vtk", numbers + b"0.1 0.2 0.3\n" * 299_999, "refused", ""

@@ -366,3 +366,17 @@ def test_too_many_elements_and_properties(tmp_path: Path) -> None:
     assert "more than 100 elements" in refusal(tmp_path, "a.ply", ASCII.replace("end_header\n", many + "end_header\n"))
     wide = "".join(f"property float p{i}\n" for i in range(2000))
     assert "more than 1,000 properties" in refusal(tmp_path, "b.ply", ASCII.replace("end_header\n", wide + "end_header\n"))
+
+
+def test_faces_for_which_there_is_no_room_are_refused_before_each_is_looked_at(tmp_path: Path) -> None:
+    header = ply_header("binary_little_endian", 3, 200_000).replace("uchar int", "uchar uchar").encode()
+    body = np.eye(3).tobytes() + b"\3\0\1\2" + bytes(199_999)
+    text = refusal(tmp_path, "a.ply", header + body)
+    assert f"byte {len(header) + 72:,}: 200,000 faces are declared, but most of them cannot have three corners" in text
+    mixed = np.eye(3).tobytes() + b"\3\0\1\2\4\2\1\0\1" * 100_000
+    assert read(tmp_path, "b.ply", header + mixed)[0].n_faces >= 200_000
+
+
+def test_two_lists_of_corners_are_refused(tmp_path: Path) -> None:
+    content = ply_header("ascii", 3, 1, face="list uchar int vertex_index") + "0 0 0\n1 0 0\n0 1 0\n3 0 1 2 3 0 2 1\n"
+    assert "both vertex_indices and vertex_index" in refusal(tmp_path, "a.ply", content)

@@ -107,6 +107,7 @@ def test_triangles_that_weld_to_a_line_are_left_out(tmp_path: Path) -> None:
         (TEXT[: TEXT.index("vertex 1.0 1.0") + 8], "ends inside a triangle after line 6"),
         ("solid nothing\nendsolid\n", "no triangles"),
         ("solid", "ends without 'endsolid'"),
+        (TEXT.rpartition("endfacet")[0] + "e\n", "'e' stands where 'endfacet' is expected"),
         (TEXT + "endsolid\n", "line 17: 'endsolid' is out of place"),
         (TEXT.replace("endsolid part", "solid part"), "line 16: 'solid' is out of place"),
         (TEXT + ONE_FACET, "line 17: a triangle stands outside"),

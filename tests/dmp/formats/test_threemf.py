@@ -210,3 +210,33 @@ def test_other_files_are_not_opened(tmp_path: Path) -> None:
         component = f'<object id="5"><components><component objectid="1" p:path="{path}"/></components></object>'
         root = model_xml(component, '<item objectid="5"/>', f'xmlns:p="{PRODUCTION}"')
         assert "the archive has no part" in refusal(tmp_path, "a.3mf", pack_3mf(root))
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "name"),
+    [
+        ("<mesh>", "</object>", "mesh"),
+        ("<vertices>", "<triangles>", "vertices"),
+        ("<triangles>", "</mesh>", "triangles"),
+    ],
+)
+def test_an_object_has_one_mesh(tmp_path: Path, begin: str, end: str, name: str) -> None:
+    one = object_xml(1, SQUARE_VERTICES, SQUARE_FACES)
+    part = one[one.index(begin) : one.index(end)]
+    twice = one.replace(part, 2 * part)
+    assert f"the object has '{name}' twice" in refusal(tmp_path, "a.3mf", pack_3mf(model_xml(twice)))
+    other = one.replace('id="1"', 'id="2"')
+    mesh, _ = read(tmp_path, "b.3mf", pack_3mf(model_xml(one + other, '<item objectid="1"/><item objectid="2"/>')))
+    assert mesh.n_faces == 2 * len(SQUARE_FACES)
+
+
+def test_elements_of_very_many_attributes_are_refused_before_they_are_taken_in(tmp_path: Path) -> None:
+    def attributes(start: int, n: int) -> str:
+        return " ".join(f'a{start + index}="x=>\'"' for index in range(n))
+
+    square = object_xml(1, SQUARE_VERTICES, SQUARE_FACES)
+    text = refusal(tmp_path, "a.3mf", pack_3mf(model_xml(square, attributes=attributes(0, 1001))))
+    assert "line 2: an element has more than 1,000 attributes" in text
+    assert read(tmp_path, "a.3mf", pack_3mf(model_xml(square, attributes=attributes(0, 400))))[0].n_faces == 2
+    many = "".join(f"<metadata {attributes(index, 500)}/>" for index in range(50))
+    assert "far more attributes" in refusal(tmp_path, "b.3mf", pack_3mf(model_xml(many)))

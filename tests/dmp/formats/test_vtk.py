@@ -305,3 +305,13 @@ def test_positions_that_were_never_written_are_refused(tmp_path: Path) -> None:
     assert "the vertices 10 to 29 all lie at exactly 0 0 0" in refusal(
         tmp_path, "a.vtk", swap(content, start + 240, bytes(480))
     )
+
+
+def test_the_one_word_that_is_no_number_is_found_in_a_long_text(tmp_path: Path) -> None:
+    rows = ["0.1 0.2 0.3"] * 5000
+    head = "# vtk DataFile Version 3.0\na\nASCII\nDATASET POLYDATA\nPOINTS 5000 double\n"
+    rows[3210] = "0.1 0,2 0.3"
+    assert f"line {6 + 3210}: the number '0,2' has a decimal comma" in refusal(tmp_path, "a.vtk", head + "\n".join(rows) + "\n")
+    rows[3210] = "0.1 0.2"
+    text = refusal(tmp_path, "b.vtk", head + "\n".join(rows) + "\n")
+    assert "15,000 numbers are declared for the points, but 14,999 follow" in text
