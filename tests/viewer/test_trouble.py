@@ -109,6 +109,9 @@ def test_what_is_in_memory_only_is_not_let_go_without_a_question(
 ) -> None:
     begin(viewer, qtbot, mesh_files[0])
     disk["errno"] = errno.ENOSPC
+    # The training may stand at a step just now that is written already.
+    reached = viewer.workspace.current_step
+    qtbot.waitUntil(lambda: viewer.workspace.current_step > reached + 6, timeout=20_000)
     end(viewer, qtbot)
     questions: list[str] = []
     answers = [False, False, True]
