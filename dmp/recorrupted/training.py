@@ -54,7 +54,7 @@ _CAUTION, _CLEAR_DETAIL = 0.98, 0.006
 _TRIMMED = 0.9866
 # The noise that is added is at least this share as strong across the normal as along it; weak noise more so, until it is as
 # strong or has this level across the normal, in mean edge lengths.
-_LEAST_TANGENTIAL, _LEAST_ACROSS = 0.5, 0.15
+_LEAST_TANGENTIAL, _LEAST_ACROSS = 0.5, 0.12
 # With less noise across the normal than this, what is taken away along it does not tell how it is distributed.
 _ALL_DIRECTIONS = 0.5
 # Where the noise is mostly along the normal, movements across it are kept by the tangential share of the noise times this: the
