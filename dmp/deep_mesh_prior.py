@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from dmp.adam import Adam
-from dmp.devices import has_fast_bfloat16
+from dmp.captured_step import CapturedStep, CudaGraphRecorder, Recorder
+from dmp.devices import choose_device, cuda_products, has_fast_bfloat16
 from dmp.errors import SettingsError, TrainingError
 from dmp.layers import convolution_maker, graph_for
-from dmp.layers.gcn_stack import StackBuffers
 from dmp.losses import data_loss, laplacian_loss
 from dmp.memory_needs import LARGEST_PATCH, has_room_for_outputs, patch_vertices_for
 from dmp.mesh import FloatArray, IntArray
@@ -26,6 +27,9 @@ from dmp.settings import Precision, Settings
 from dmp.topology import adjacency
 from dmp.training import Training
 
+if TYPE_CHECKING:
+    from dmp.layers.stack_buffers import StackBuffers
+
 # From so many channels in the widest layer on, bfloat16 was measured to be faster where the processor has products for it.
 _WIDE = 512
 
@@ -35,9 +39,19 @@ class DeepMeshPrior(Training):
 
     The prediction is the running average of the outputs (``settings.average``), which was measured to be closer to the
     truth than each output and costs nothing.
+
+    On a GPU a step is recorded and replayed (:mod:`dmp.captured_step`).
+
+    Raises:
+        SettingsError: when the settings ask for numbers that a GPU is not given.
     """
 
     def __init__(self, problem: Problem, settings: Settings, *, run_id: str | None = None) -> None:
+        if settings.precision == "bfloat16" and choose_device(settings.device).type == "cuda":
+            raise SettingsError(
+                "--precision bfloat16 is for the processor alone. On a GPU use --precision auto, which is fast there, or "
+                "--device cpu."
+            )
         generator = np.random.default_rng(settings.seed)
         features = generator.standard_normal((problem.mesh.n_vertices, settings.input_channels), dtype=np.float32)
         super().__init__(problem, settings, _choose_held_out(problem, settings.hold_out, generator), run_id)
@@ -85,6 +99,8 @@ class DeepMeshPrior(Training):
         self._optimiser = Adam(self._network.parameters(), lr=settings.learning_rate)
         self._output = self._base
         self._average: Tensor | None = None
+        self._recorder: Recorder | None = CudaGraphRecorder(self.device) if self.device.type == "cuda" else None
+        self._captured: CapturedStep | None = None
 
     @property
     def n_parameters(self) -> int:
@@ -118,6 +134,33 @@ class DeepMeshPrior(Training):
         output: Tensor = self._network(self._features, self._graph, self._buffers)
         return output
 
+    def _arithmetic(self) -> contextlib.AbstractContextManager[None]:
+        if self.device.type != "cuda":
+            return contextlib.nullcontext()
+        return cuda_products("tf32" if self.settings.precision == "auto" else "ieee")
+
+    def _update(self) -> Mapping[str, Tensor]:
+        if self._recorder is None:
+            return super()._update()
+        if self._captured is None:
+            self._captured = CapturedStep(self._unread_update, self._recorder, self._optimiser.zero_grad)
+        losses = self._captured()
+        if self._captured.refusal is not None:
+            self.warnings.append(
+                "The GPU could not record a training step as a whole, so each of its parts is sent to it one by one. That is "
+                f"slower, and the result is the same ({self._captured.refusal})."
+            )
+            self._recorder = self._captured = None
+        self._look_at_first_bad()
+        return losses
+
+    def _unread_update(self) -> Mapping[str, Tensor]:
+        """Do one step in which nothing is read back from the device and no number comes from Python but constants."""
+        losses = self._compute_gradients()
+        self._check_finite(losses["total_loss"])
+        self._apply_gradients()
+        return losses
+
     def _losses_before(self) -> Mapping[str, Tensor]:
         with torch.no_grad():
             return self._forward()
@@ -132,15 +175,21 @@ class DeepMeshPrior(Training):
         self._optimiser.step()
         if self.settings.average == 0:
             return
+        # The decay grows towards its value, so that the first, poor outputs are soon forgotten.
         if self._average is None:
             self._average = self._output.clone()
-        else:
-            # The decay grows towards its value, so that the first, poor outputs are soon forgotten.
+        elif self._looks_at_each_step:
             decay = min(self.settings.average, (2 + self.step) / (11 + self.step))
             self._average.lerp_(self._output, 1 - decay)
+        else:
+            # The same on the device, which counts the step under way already, in the same double precision.
+            share = (1 + self._device_step).double() / (10 + self._device_step)
+            self._average.lerp_(self._output, (1 - share.clamp(max=self.settings.average)).float())
 
     def _release(self) -> None:
-        self._buffers = self._patched = None
+        self._buffers = self._patched = self._captured = None
+        if self._recorder is not None:
+            self._recorder.forget()
 
     def _prediction(self) -> Tensor:
         shown = self._output if self._average is None else self._average

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import torch
 
@@ -46,6 +49,21 @@ def has_fast_bfloat16() -> bool:
         return " amx_bf16" in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
     except OSError:
         return False
+
+
+@contextlib.contextmanager
+def cuda_products(precision: Literal["tf32", "ieee"]) -> Iterator[None]:
+    """Have dense float32 products on GPUs computed in TF32, with factors of 10 binary places, or in full ("ieee").
+
+    The setting is the process's; afterwards it is as it was. GPUs without TF32 compute in full.
+    """
+    products = torch.backends.cuda.matmul
+    before = products.fp32_precision
+    products.fp32_precision = precision
+    try:
+        yield
+    finally:
+        products.fp32_precision = before
 
 
 def available_cores() -> int:

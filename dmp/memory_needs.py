@@ -7,7 +7,7 @@ import math
 
 from dmp.devices import choose_device
 from dmp.errors import SettingsError
-from dmp.layers.gcn_stack import bytes_per_vertex
+from dmp.layers.stack_sizes import bytes_per_vertex
 from dmp.memory import free_memory, gigabytes, held_memory
 from dmp.network import LAYOUTS
 from dmp.patches.whole_pass import bytes_per_vertex as bytes_of_whole_pass
@@ -40,7 +40,7 @@ def memory_needed(settings: Settings, n_vertices: int, *, keep_outputs: bool = T
     Args:
         settings: of the training.
         n_vertices: of the mesh.
-        keep_outputs: see :class:`dmp.layers.gcn_stack.StackBuffers`; without meaning where there are none.
+        keep_outputs: see :class:`dmp.layers.stack_buffers.StackBuffers`; without meaning where there are none.
     """
     if settings.method == "recorrupted":
         each = float(_RECORRUPTED)
@@ -120,7 +120,7 @@ def check_memory(settings: Settings, n_vertices: int) -> str | None:
 
 
 def has_room_for_outputs(settings: Settings, n_vertices: int) -> bool:
-    """Return whether outputs of layers can be kept, see :class:`dmp.layers.gcn_stack.StackBuffers`."""
+    """Return whether outputs of layers can be kept, see :class:`dmp.layers.stack_buffers.StackBuffers`."""
     usable = usable_memory(settings)
     return usable is None or memory_needed(settings, n_vertices) <= usable
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import torch
 from torch import Tensor, nn
@@ -12,8 +12,11 @@ from torch.nn import functional
 
 from dmp.layers import Graph, GraphConvolution
 from dmp.layers.choice import MakeConvolution
-from dmp.layers.gcn_stack import Moments, StackBuffers, gcn_stack
 from dmp.settings import Architecture
+
+if TYPE_CHECKING:
+    from dmp.layers.gcn_stack import Moments
+    from dmp.layers.stack_buffers import StackBuffers
 
 _NARROWEST = 16
 
@@ -107,7 +110,10 @@ class DisplacementNetwork(nn.Module):
         return is_plain and all(isinstance(convolution, GraphConvolution) for convolution in self.convolutions)
 
     def buffers_for(self, n_vertices: int, *, dtype: torch.dtype = torch.float32, keep_outputs: bool = True) -> StackBuffers:
-        """Return buffers for :meth:`forward`, see :class:`dmp.layers.gcn_stack.StackBuffers`."""
+        """Return buffers for :meth:`forward`, see :class:`dmp.layers.stack_buffers.StackBuffers`."""
+        # Loads the compiled kernels, which a program that trains nothing can do without.
+        from dmp.layers.stack_buffers import StackBuffers
+
         return StackBuffers(n_vertices, self.sizes[0], self.sizes[1:], dtype=dtype, keep_outputs=keep_outputs)
 
     def forward(
@@ -127,6 +133,8 @@ class DisplacementNetwork(nn.Module):
             moments: with buffers alone: by which each layer is normalised, in place of those of the vertices at hand.
         """
         if buffers is not None:
+            from dmp.layers.gcn_stack import gcn_stack
+
             # Buffers are made for graph convolutions alone, and what these know of the mesh is a matrix.
             features = gcn_stack(
                 features, cast(Tensor, graph), self.convolutions, self.normalisations, buffers, moments=moments

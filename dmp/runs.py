@@ -408,6 +408,7 @@ class Run(Described):
         self._outbox.attempt(self._curve.finish)
 
     def _write(self, record: StepRecord, training: Training) -> None:
+        self.warnings += [text for text in training.warnings if text not in self.warnings]
         if record.metrics:
             self._curve.hold({"step": record.step, "seconds": record.seconds, **record.metrics})
             if not self._needs_first_files:

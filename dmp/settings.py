@@ -64,7 +64,8 @@ class Settings:
     precision: Precision = _setting(
         "auto",
         "Numbers between the layers: 'float32'; 'bfloat16', which is shorter and faster on some processors; 'auto' takes the "
-        "shorter ones where they are faster.",
+        "shorter ones where they are faster. On a GPU 'bfloat16' is not there; 'auto' rounds what is multiplied to 10 binary "
+        "places (TF32), 'float32' does not.",
     )
     memory: float = _setting(
         0.0,
@@ -308,6 +309,18 @@ def check(name: str, value: Any) -> Any:
         bounds = f"at least {low:g}" if high is None else f"between {low:g} and {high:g}"
         raise SettingsError(f"--{shown} is {value:g}, but must be {bounds}.")
     return kind(value)
+
+
+def setting_value(text: str) -> Any:
+    """Return a value from its text: true or false, a number, or the text itself."""
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
 
 
 def validated(settings: Settings) -> Settings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 import uuid
@@ -42,6 +43,7 @@ class Training(ABC):
         seconds: time spent in steps, pauses not counted.
         device: where it computes.
         threads: processor threads that it uses.
+        warnings: sentences for the user about what goes another way than it should; a run takes them over.
         held_out: indices of the known vertices that the data term never sees, (N,) int64.
     """
 
@@ -59,9 +61,11 @@ class Training(ABC):
         self.threads = settings.threads or available_cores()
         self._measures = Measures(problem, held_out)
         self._rest = RestWatch(np.flatnonzero(~problem.known), problem.edge_length, settings.rest_movement)
+        self.warnings: list[str] = []
         self._losses: Mapping[str, Tensor] = {}
-        # The first step whose loss or gradient was not finite, 0 for none; kept where looking at it costs nothing.
-        self._first_bad = torch.zeros((), dtype=torch.int64, device=self.device)
+        # Where looking waits for the device: the step that it is at, and the first one whose loss or gradient was not finite,
+        # 0 for none. Both stay in their places, so that a step that is recorded and replayed finds them.
+        self._device_step, self._first_bad = (torch.zeros((), dtype=torch.int64, device=self.device) for _ in range(2))
 
     # -- what a method says ---------------------------------------------------------------------------------------
 
@@ -97,6 +101,10 @@ class Training(ABC):
     def _release(self) -> None:  # noqa: B027  # not every method has any
         """Give back memory that only steps need, and that the next step makes again."""
 
+    def _arithmetic(self) -> contextlib.AbstractContextManager[None]:
+        """Return what products of a step are computed under, where that is a matter of the whole process."""
+        return contextlib.nullcontext()
+
     # -- what they share ------------------------------------------------------------------------------------------
 
     def steps(self) -> Iterator[StepRecord]:
@@ -112,18 +120,17 @@ class Training(ABC):
         """
         # Process-wide, like every thread count of torch: trainings in one process share it.
         torch.set_num_threads(self.threads)
+        self._device_step.fill_(self.step)
         try:
             if self.step == 0:
-                with self._timed():
+                with self._timed(), self._arithmetic():
                     self._losses = self._losses_before()
                     self._check_loss(self._losses["total_loss"].item(), 0)
                     record = self._record()
                 yield record
             while self.step < self.settings.steps and not self._rest.is_at_rest:
-                with self._timed():
-                    losses = self._compute_gradients()
-                    self._check_finite(losses["total_loss"], self.step + 1)
-                    self._apply_gradients()
+                with self._timed(), self._arithmetic():
+                    losses = self._update()
                     self.step += 1
                     self._losses = losses
                     record = self._record()
@@ -161,9 +168,13 @@ class Training(ABC):
             if state["version"] != CHECKPOINT_VERSION:
                 raise TrainingError(f"The checkpoint has version {state['version']}, this program writes {CHECKPOINT_VERSION}.")
             checked = check_state(state, self._network, self._optimiser)
+            # What steps have made for themselves may hold on to the tensors that are about to be replaced.
+            self._release()
             self._load_weights(checked)
             self._rest.load_state(checked["rest"])
             self.step, self.seconds = checked["step"], float(checked["seconds"])
+            self._device_step.fill_(self.step)
+            self._first_bad.zero_()
         except (KeyError, TypeError, ValueError, RuntimeError, AttributeError, IndexError, OverflowError) as error:
             cause = " ".join(str(error).split())[:200]
             raise TrainingError(f"The checkpoint does not fit the settings of its run ({cause}).") from error
@@ -171,19 +182,31 @@ class Training(ABC):
     def _timed(self) -> _Stopwatch:
         return _Stopwatch(self)
 
-    def _check_finite(self, loss: Tensor, step: int) -> None:
-        """Look at the loss of a step and its gradient before the weights are touched."""
+    def _update(self) -> Mapping[str, Tensor]:
+        """Do one step and return its loss terms by name."""
+        losses = self._compute_gradients()
+        self._check_finite(losses["total_loss"])
+        self._look_at_first_bad()
+        self._apply_gradients()
+        return losses
+
+    def _check_finite(self, loss: Tensor) -> None:
+        """Look at the loss of a step and its gradient, or have the device remember what there is to see."""
         gradients = [parameter.grad for parameter in self._network.parameters() if parameter.grad is not None]
         # The largest value: the usual norm overflows although each value is finite.
         largest = torch.nn.utils.get_total_norm(gradients, norm_type=math.inf)
         if self._looks_at_each_step:
-            self._check_loss(loss.item(), step)
+            self._check_loss(loss.item(), self.step + 1)
             if not math.isfinite(largest.item()):
-                raise self._left_the_numbers(step, "the gradient of the loss is not finite")
+                raise self._left_the_numbers(self.step + 1, "the gradient of the loss is not finite")
             return
+        self._device_step.add_(1)
         is_bad = ~(torch.isfinite(loss.detach()) & torch.isfinite(largest))
-        self._first_bad = torch.where(is_bad & (self._first_bad == 0), step, self._first_bad)
-        if self._is_due(step) and (first := int(self._first_bad.item())):
+        self._first_bad.copy_(torch.where(is_bad & (self._first_bad == 0), self._device_step, self._first_bad))
+
+    def _look_at_first_bad(self) -> None:
+        """Look at what the device remembers, if the step under way is one at which that is read anyway."""
+        if not self._looks_at_each_step and self._is_due(self.step + 1) and (first := int(self._first_bad.item())):
             raise self._left_the_numbers(first, "the loss or its gradient is not finite")
 
     @property

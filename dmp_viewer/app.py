@@ -97,6 +97,7 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
     from dmp_viewer import settings as preferences_file
     from dmp_viewer.controller import Controller
     from dmp_viewer.keys import bindings
+    from dmp_viewer.left_behind import end_process
     from dmp_viewer.picture_job import PictureJob
     from dmp_viewer.shutdown import Shutdown, destroy
     from dmp_viewer.tasks import TASKS
@@ -143,7 +144,10 @@ def _show(arguments: Arguments, application: QApplication, opengl: startup.OpenG
         job.begin(expects_mesh=arguments.path is not None)
     code = application.exec()
     destroy(window)
-    return job.exit_code if job is not None else code
+    if job is not None:
+        code = job.exit_code
+    end_process(code)
+    return code
 
 
 def _list_bindings(path: Path) -> int:

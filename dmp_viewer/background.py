@@ -17,6 +17,8 @@ from typing import Any
 
 from qtpy.QtCore import QCoreApplication, QObject, QTimer, Signal
 
+from dmp_viewer.left_behind import LeavableThread
+
 _LOG = logging.getLogger(__name__)
 
 
@@ -41,7 +43,7 @@ class Background(QObject):
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._results: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._pending = 0
-        self._thread: threading.Thread | None = None
+        self._thread: LeavableThread | None = None
         self._ended = threading.Event()
         self._timer = QTimer(self)
         self._timer.setInterval(15)
@@ -63,7 +65,7 @@ class Background(QObject):
             return
         if self._thread is None:
             arguments = (self._jobs, self._results, self._ended)
-            self._thread = threading.Thread(target=_serve, args=arguments, name="background", daemon=True)
+            self._thread = LeavableThread("background", _serve, arguments)
             self._thread.start()
         self._pending += 1
         self._jobs.put(_Job(work, done, failed))

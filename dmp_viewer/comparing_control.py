@@ -5,14 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qtpy.QtCore import QObject
-
 from dmp.filters import FILTERS
 from dmp.metrics import GroundTruth
 from dmp.problem import Problem
 from dmp.runs import default_runs_folder
 from dmp_viewer.background import Background
 from dmp_viewer.comparing import FilteredMesh, RunEntry, comparable_runs, open_other, run_filter, run_tuned_filter
+from dmp_viewer.control_part import ControlPart
 from dmp_viewer.other_run import OtherRun
 from dmp_viewer.views import filter_choice, run_choice
 from dmp_viewer.views.banner import Message
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from dmp_viewer.controller import Controller
 
 
-class ComparingControl(QObject):
+class ComparingControl(ControlPart):
     """The part of the controller that lays other results beside the run on show.
 
     Args:
@@ -31,8 +30,6 @@ class ComparingControl(QObject):
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
-        self._controller = controller
-        self._workspace = controller.workspace
         self._wish: FilterWish | None = None
         # Of its own: a filter can take minutes, and files are to be opened meanwhile.
         self._filtering = Background(self)
@@ -50,14 +47,6 @@ class ComparingControl(QObject):
     def close(self) -> None:
         """Wait for no filter any more; one that is at work ends with the program."""
         self._filtering.close(0.1)
-
-    def do(self, name: str) -> bool:
-        """Do what an action of this part says; tells whether it is one."""
-        handler = getattr(self, f"_do_{name}", None)
-        if handler is None:
-            return False
-        handler()
-        return True
 
     def _do_compare_run(self) -> None:
         problem, run = self._workspace.problem, self._workspace.run

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qtpy.QtCore import QObject, QTimer, QUrl
+from qtpy.QtCore import QTimer, QUrl
 from qtpy.QtGui import QDesktopServices
 
 from dmp.errors import DmpError
@@ -20,6 +20,7 @@ from dmp.exports.watching import CancelledError, Watch
 from dmp.mesh import FloatArray
 from dmp.runs import Run
 from dmp_viewer.background import Background
+from dmp_viewer.control_part import ControlPart
 from dmp_viewer.export_requests import (
     AnimationRequest,
     CurveRequest,
@@ -46,7 +47,7 @@ _NAMES = {
 }  # fmt: skip
 
 
-class ExportControl(QObject):
+class ExportControl(ControlPart):
     """The part of the controller that is about what leaves the window.
 
     Args:
@@ -55,9 +56,6 @@ class ExportControl(QObject):
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
-        self._controller = controller
-        self._workspace = controller.workspace
-        self._window = controller.window
         self.background = Background(self)
         self.dialog: ExportDialog | None = None
         self._watch: Watch | None = None
@@ -76,12 +74,8 @@ class ExportControl(QObject):
         self._renew.timeout.connect(self._set_offer)
         self._window.named_actions["export"].setEnabled(False)
 
-    def do(self, name: str) -> bool:
-        """Do what an action of this part says; tells whether it is one."""
-        if name != "export":
-            return False
+    def _do_export(self) -> None:
         self.open_dialog()
-        return True
 
     @property
     def is_busy(self) -> bool:

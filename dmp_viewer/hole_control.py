@@ -5,13 +5,14 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING
 
-from qtpy.QtCore import QObject, QTimer
+from qtpy.QtCore import QTimer
 
 from dmp.boundary import BoundaryLoop
 from dmp.errors import DmpError
 from dmp.hole_metrics import HoleTruth
 from dmp.problem import Problem
 from dmp.settings import Settings, settings_for
+from dmp_viewer.control_part import ControlPart
 from dmp_viewer.holes import outward
 from dmp_viewer.views.banner import Message
 
@@ -23,7 +24,7 @@ _LOG = logging.getLogger(__name__)
 _REST_MS = 350
 
 
-class HoleControl(QObject):
+class HoleControl(ControlPart):
     """The part of the controller that is about holes.
 
     Args:
@@ -32,8 +33,6 @@ class HoleControl(QObject):
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
-        self._controller = controller
-        self._workspace = controller.workspace
         self._measured: Problem | None = None
         self._measuring: set[int | None] = set()
         self._timer = QTimer(self)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from qtpy.QtCore import QObject
-
 from dmp.errors import DmpError
 from dmp.vertex_measures import extent
 from dmp_viewer.colors import QUANTITIES, Limits
 from dmp_viewer.comparison import Middle, Mode
+from dmp_viewer.control_part import ControlPart
 from dmp_viewer.views import questions
 from dmp_viewer.views.buttons import with_key
 from dmp_viewer.views.held_key import HeldKey
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from dmp_viewer.controller import Controller
 
 
-class JudgingControl(QObject):
+class JudgingControl(ControlPart):
     """The part of the controller that is about looking closely.
 
     Args:
@@ -28,9 +27,6 @@ class JudgingControl(QObject):
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
-        self._controller = controller
-        self._workspace = controller.workspace
-        self._window = controller.window
         bar, colors = self._window.color_bar, self._workspace.colors
         bar.quantityChosen.connect(lambda value: colors.set(quantity=value))
         bar.rangeChosen.connect(lambda value: colors.set(range=value))
@@ -59,11 +55,7 @@ class JudgingControl(QObject):
         if name.startswith("middle_"):
             self._show_in_middle(name.removeprefix("middle_"))  # type: ignore[arg-type]
             return True
-        handler = getattr(self, f"_do_{name}", None)
-        if handler is None:
-            return False
-        handler()
-        return True
+        return super().do(name)
 
     # -- colours and shading ------------------------------------------------------------------------------------------
 

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from qtpy.QtCore import QObject, QTimer
+from qtpy.QtCore import QTimer
 
 from dmp.errors import DmpError, RunError
 from dmp.run_upkeep import remove_run
 from dmp.runs import Run
 from dmp.settings import Settings
 from dmp_viewer import remote, tasks
+from dmp_viewer.control_part import ControlPart
 from dmp_viewer.icons import icon
 from dmp_viewer.pace import Pace
 from dmp_viewer.queue_file import QueueFile
@@ -42,7 +43,7 @@ class _Turn:
     opened: tasks.OpenedRun | None = None
 
 
-class QueueControl(QObject):
+class QueueControl(ControlPart):
     """The part of the controller that lets trainings wait for each other.
 
     Args:
@@ -52,8 +53,6 @@ class QueueControl(QObject):
 
     def __init__(self, controller: Controller, *, is_kept: bool) -> None:
         super().__init__(controller)
-        self._controller = controller
-        self._workspace = controller.workspace
         self._view = controller.window.runs.queue
         self._is_kept = is_kept
         self._file: QueueFile | None = None
@@ -79,14 +78,6 @@ class QueueControl(QObject):
             self._file = QueueFile(controller.runs.folder)
             self._look.start()
         self._draw()
-
-    def do(self, name: str) -> bool:
-        """Do what an action of this part says; tells whether it is one."""
-        handler = getattr(self, f"_do_{name}", None)
-        if handler is None:
-            return False
-        handler()
-        return True
 
     # -- what waits ---------------------------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from qtpy.QtCore import QObject, QPoint
+from qtpy.QtCore import QPoint
 
 from dmp.errors import DmpError
 from dmp.geometry import normalised, vertex_normals
@@ -15,6 +15,7 @@ from dmp.mesh import TriangleMesh
 from dmp.mesh_report import Finding, mesh_report
 from dmp.repair import RepairOptions
 from dmp_viewer import tasks
+from dmp_viewer.control_part import ControlPart
 from dmp_viewer.model import Source
 from dmp_viewer.repairing import RepairedSource, repair_source
 from dmp_viewer.views import dialogs
@@ -43,7 +44,7 @@ _REMEDIES = {
 _NEAR = 0.3
 
 
-class ReportControl(QObject):
+class ReportControl(ControlPart):
     """The part of the controller that is about what is odd with the open mesh.
 
     Args:
@@ -52,9 +53,6 @@ class ReportControl(QObject):
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
-        self._controller = controller
-        self._workspace = controller.workspace
-        self._window = controller.window
         self.dialog: MeshReportDialog | None = None
         self.marks = FindingMarks(self._window.panes)
         self.findings: tuple[Finding, ...] = ()
@@ -67,12 +65,8 @@ class ReportControl(QObject):
         self._workspace.problem_changed.connect(self._on_problem_changed)
         self._window.themeChanged.connect(self._on_theme_changed)
 
-    def do(self, name: str) -> bool:
-        """Do what an action of this part says; tells whether it is one."""
-        if name != "mesh_report":
-            return False
+    def _do_mesh_report(self) -> None:
         self.open_report()
-        return True
 
     def open_report(self) -> None:
         """Show the report of the open mesh."""

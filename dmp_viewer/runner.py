@@ -21,6 +21,7 @@ from qtpy.QtCore import QCoreApplication, QEventLoop, QObject, QTimer, Signal
 
 from dmp.problem import Problem
 from dmp.snapshot import StepRecord
+from dmp_viewer.left_behind import LeavableThread
 from dmp_viewer.model import RunLike
 from dmp_viewer.pace import Courtesy, Pace
 from dmp_viewer.states import RunnerState
@@ -81,12 +82,12 @@ class _Mailbox:
     error: BaseException | None = None
 
 
-class _Worker(threading.Thread):
+class _Worker(LeavableThread):
     """Asks a session for its steps. Stop and pause act between two steps."""
 
     def __init__(self, prepare: Callable[[], Session], mailbox: _Mailbox, courtesy: Courtesy) -> None:
-        # A daemon, so that a step that hangs in a driver cannot keep the process alive once the user has left.
-        super().__init__(name="training", daemon=True)
+        # Leavable, so that a step that hangs in a driver cannot keep the process alive once the user has left.
+        super().__init__("training")
         self._prepare = prepare
         self._mailbox = mailbox
         self._courtesy = courtesy

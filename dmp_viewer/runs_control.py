@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import QObject, QTimer, QUrl
+from qtpy.QtCore import QTimer, QUrl
 from qtpy.QtGui import QDesktopServices
 
 from dmp.errors import RunError
 from dmp.run_upkeep import remove_run
 from dmp.runs import Run, default_runs_folder
 from dmp_viewer.background import Background
+from dmp_viewer.control_part import ControlPart
 from dmp_viewer.runs_entries import RunRow, row_of, rows_of
 from dmp_viewer.runs_pictures import RunPictures
 from dmp_viewer.runs_trash import Trashed, move_to_trash, put_back
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 _LOOK_MS = 1000
 
 
-class RunsControl(QObject):
+class RunsControl(ControlPart):
     """The part of the controller that keeps house with runs.
 
     Args:
@@ -34,8 +35,6 @@ class RunsControl(QObject):
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
-        self._controller = controller
-        self._workspace = controller.workspace
         self._dock = controller.window.runs
         # Of its own, so that a long list waits for nothing, and nothing for it.
         self._reading = Background(self)
@@ -67,14 +66,6 @@ class RunsControl(QObject):
     def folder(self) -> Path:
         """The folder that all runs are in."""
         return self._controller.runs_folder or default_runs_folder()
-
-    def do(self, name: str) -> bool:
-        """Do what an action of this part says; tells whether it is one."""
-        handler = getattr(self, f"_do_{name}", None)
-        if handler is None:
-            return False
-        handler()
-        return True
 
     def wait(self, seconds: float) -> bool:
         """Pump events until the list and its pictures are up to date; tells whether that was reached in time."""

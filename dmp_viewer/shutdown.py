@@ -106,7 +106,6 @@ def destroy(window: QWidget) -> None:
     one of these that calls what it overrides then ends the process.
     """
     window.deleteLater()
-    QCoreApplication.sendPostedEvents(window, QEvent.Type.DeferredDelete)
     QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
 
 

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from qtpy.QtCore import QObject
 from qtpy.QtGui import QImage
 
 from dmp.errors import DmpError
 from dmp.mesh import FloatArray
+from dmp_viewer.control_part import ControlPart
 from dmp_viewer.thumbnails import thumbnail
 from dmp_viewer.views.thumbnail_strip import PICTURE
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _SURFACE = (0.66, 0.74, 0.85)
 
 
-class TimeControl(QObject):
+class TimeControl(ControlPart):
     """The part of the controller that is about steps.
 
     Args:
@@ -29,9 +29,6 @@ class TimeControl(QObject):
 
     def __init__(self, controller: Controller) -> None:
         super().__init__(controller)
-        self._controller = controller
-        self._workspace = controller.workspace
-        self._window = controller.window
         workspace, timeline = self._workspace, self._window.timeline
         timeline.stepChosen.connect(workspace.show_step)
         timeline.playToggled.connect(self._window.named_actions["play"].setChecked)
@@ -42,14 +39,6 @@ class TimeControl(QObject):
             signal.connect(self._on_run_changed, check_nargs=False)
         workspace.look.changed.connect(self._on_look_changed, check_nargs=False)
         self._up = workspace.look.policy.up
-
-    def do(self, name: str) -> bool:
-        """Do what an action of this part says; tells whether it is one."""
-        handler = getattr(self, f"_do_{name}", None)
-        if handler is None:
-            return False
-        handler()
-        return True
 
     # -- moving -------------------------------------------------------------------------------------------------------
 

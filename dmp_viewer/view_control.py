@@ -2,33 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from qtpy.QtCore import QObject
-
-if TYPE_CHECKING:
-    from dmp_viewer.controller import Controller
+from dmp_viewer.control_part import ControlPart
 
 
-class ViewControl(QObject):
-    """The part of the controller for sides and layout.
-
-    Args:
-        controller: whose window it works on.
-    """
-
-    def __init__(self, controller: Controller) -> None:
-        super().__init__(controller)
-        self._controller = controller
-        self._window = controller.window
-
-    def do(self, name: str) -> bool:
-        """Do what an action of this part says; tells whether it is one."""
-        handler = getattr(self, f"_do_{name}", None)
-        if handler is None:
-            return False
-        handler()
-        return True
+class ViewControl(ControlPart):
+    """The part of the controller for sides and layout."""
 
     def _do_view_front(self) -> None:
         self._window.panes.look_from("front")

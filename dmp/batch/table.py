@@ -10,7 +10,7 @@ from typing import Any
 from dmp.batch.jobs import BatchJob, job_for
 from dmp.errors import MeshFileError, SettingsError
 from dmp.files import in_words
-from dmp.settings import SETTING_FIELDS, Settings, check, default_preset, presets_for, settings_for
+from dmp.settings import SETTING_FIELDS, Settings, check, default_preset, presets_for, setting_value, settings_for
 
 _OF_FILES = ("mesh", "ground_truth", "name", "settings")
 # The file of a spreadsheet, not of a disk gone mad.
@@ -111,15 +111,3 @@ def _settings(cells: Mapping[str, str], usual: Settings, changes: Mapping[str, A
     named = {name: value for name, value in changes.items() if name != "preset"}
     kept = usual.preset if task == usual.task and usual.preset in presets_for(task) else default_preset(task)
     return settings_for(task, values.pop("preset", changes.get("preset") or kept), **{**named, **values})
-
-
-def setting_value(text: str) -> Any:
-    """Return a value from its text: true or false, a number, or the text itself."""
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text

@@ -20,7 +20,7 @@ from dmp.commands.options import Quiet, Scheduler, TlsFile
 from dmp.errors import SettingsError
 from dmp.experiments.catalogue import EXPERIMENTS
 from dmp.filters import FILTERS
-from dmp.settings import SETTING_FIELDS, Preset, check
+from dmp.settings import SETTING_FIELDS, Preset, check, setting_value
 
 if TYPE_CHECKING:
     from dmp.experiments.jobs import Job
@@ -148,19 +148,8 @@ def _changes(texts: Sequence[str]) -> dict[str, Any]:
             )
         if name in ("task", "preset", "seed", "steps", "device", "threads"):
             raise SettingsError(f"--set {text}: this has an option of its own.")
-        found[name] = check(name, _value(value.strip()))
+        found[name] = check(name, setting_value(value.strip()))
     return found
-
-
-def _value(text: str) -> Any:
-    if text.lower() in ("true", "false"):
-        return text.lower() == "true"
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return text
 
 
 class _Clock:

@@ -18,7 +18,8 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from dmp.layers.gcn_stack import Moments, StackBuffers
+from dmp.layers.gcn_stack import Moments
+from dmp.layers.stack_buffers import StackBuffers
 from dmp.mesh import FloatArray
 from dmp.network import DisplacementNetwork
 from dmp.operators import to_torch
@@ -35,7 +36,7 @@ class _Piece:
 
 
 class PatchedNetwork:
-    """A displacement network on one mesh that is too large for :class:`dmp.layers.gcn_stack.StackBuffers` of all vertices."""
+    """A displacement network on one mesh that is too large for :class:`dmp.layers.stack_buffers.StackBuffers` of all vertices."""
 
     def __init__(
         self,

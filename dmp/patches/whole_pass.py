@@ -8,10 +8,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from dmp.layers.gcn_stack import Moments, normalise_and_activate, propagate
+from dmp.compiled.blocked_matrix import BlockedMatrix
+from dmp.compiled.stack_rows import ROWS
+from dmp.compiled.stack_passes import Normalised, StackPasses
+from dmp.layers.gcn_stack import Moments
 
-# Rows of the propagation that are worked on at once.
-_ROWS = 1 << 15
+# Rows of the propagation that are gathered and multiplied at once: whole blocks of the kernels.
+_ROWS = 512 * ROWS
 
 
 class WholePass:
@@ -26,7 +29,8 @@ class WholePass:
             widths: output channels of the layers.
         """
         self._n_vertices = propagation.shape[0]
-        self._parts = _row_parts(propagation)
+        self._matrix = BlockedMatrix(propagation)
+        self._passes = StackPasses(self._n_vertices, max(widths))
         self._dtype = propagation.dtype
         self._places = [torch.empty(self._n_vertices * max(widths), dtype=self._dtype) for _ in range(2)]
         widest_input = max(input_channels, *widths[:-1]) if len(widths) > 1 else input_channels
@@ -46,14 +50,16 @@ class WholePass:
         for convolution, normalisation in zip(convolutions, normalisations, strict=True):
             weight = convolution.weight.to(self._dtype)
             mixed = self._place(1, weight.shape[1])
-            for start, part in self._parts:
-                rows = part.shape[0]
+            for start in range(0, self._n_vertices, _ROWS):
+                rows = min(_ROWS, self._n_vertices - start)
                 gathered = self._gathered[: rows * weight.shape[0]].view(rows, weight.shape[0])
-                propagate(part, current, gathered)
+                blocks = self._matrix.all_blocks[start // ROWS : -(-(start + rows) // ROWS)]
+                self._passes.gather_rows(self._matrix, current, gathered, blocks, start)
                 torch.mm(gathered, weight, out=mixed[start : start + rows])
             # The input of the layer is not needed any more, so its output takes its place.
             current = self._place(0, weight.shape[1])
-            moments.append(normalise_and_activate(mixed, normalisation.weight, normalisation.bias, current))
+            moments.append(self._passes.moments(mixed))
+            self._passes.activate(mixed, Normalised.by(*moments[-1], normalisation.weight, normalisation.bias), current)
         return current.to(features.dtype), moments
 
     def _place(self, number: int, channels: int) -> Tensor:
@@ -63,17 +69,3 @@ class WholePass:
 def bytes_per_vertex(widths: Sequence[int], *, value_bytes: int = 4) -> int:
     """Return what a :class:`WholePass` takes for each vertex of a large mesh."""
     return 2 * max(widths) * value_bytes
-
-
-def _row_parts(matrix: Tensor) -> list[tuple[int, Tensor]]:
-    """Return parts of the rows of a CSR matrix with the number of the first row of each; they share its memory."""
-    starts, columns, values = matrix.crow_indices(), matrix.col_indices(), matrix.values()
-    found = []
-    for start in range(0, matrix.shape[0], _ROWS):
-        own = starts[start : start + _ROWS + 1]
-        first, last = int(own[0]), int(own[-1])
-        part = torch.sparse_csr_tensor(
-            own - own[0], columns[first:last], values[first:last], size=(len(own) - 1, matrix.shape[1]), check_invariants=False
-        )
-        found.append((start, part))
-    return found

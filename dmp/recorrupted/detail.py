@@ -14,10 +14,9 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from dmp.recorrupted.network import Operators
-from dmp.recorrupted.products import area_vectors, gather_corners
+from dmp.recorrupted.products import vertex_normals
 
 # Kappa is measured in what so many diffusions leave and so many more take away: of finer parts the network's own filters know
 # better, coarser ones are mostly the shape.
@@ -41,13 +40,11 @@ def given_back(before: Tensor, after: Tensor, operators: Operators, recorruption
         recorruption: a, of the noise that the network was trained with.
         across: whether the movement across the normals is corrected too; only where there is noise across them.
     """
-    incidence = operators.incidence
-    areas = area_vectors(gather_corners(after, incidence))
-    normals = functional.normalize(incidence.corner_sum @ areas.repeat(3, 1), dim=1)
-    taken, left = before - after, after
-    finer = _diffused(taken, operators, _FROM)
-    coarser = _diffused(finer, operators, _TO - _FROM)
-    band, band_left = finer - coarser, _diffused(left, operators, _FROM) - _diffused(left, operators, _TO)
+    normals = vertex_normals(after, operators.incidence)
+    finer, coarser = _edges_of_band(before - after, operators)
+    band = finer - coarser
+    finer_left, coarser_left = _edges_of_band(after, operators)
+    band_left = finer_left - coarser_left
     returned = finer - _diffused(coarser, operators, _COARSEST - _TO)
 
     band_along, left_along = _along(band, normals), _along(band_left, normals)
@@ -77,6 +74,12 @@ def _ratio(product: Tensor, square: Tensor) -> Tensor:
 
 def _along(vectors: Tensor, normals: Tensor) -> Tensor:
     return (vectors * normals).sum(dim=1, keepdim=True)
+
+
+def _edges_of_band(values: Tensor, operators: Operators) -> tuple[Tensor, Tensor]:
+    """Return what the first and the last diffusions of the band leave of the values; their difference is the band."""
+    finer = _diffused(values, operators, _FROM)
+    return finer, _diffused(finer, operators, _TO - _FROM)
 
 
 def _diffused(values: Tensor, operators: Operators, steps: int) -> Tensor:

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from dmp.operators import symmetric_product
-from dmp.recorrupted.products import Incidence, area_vectors
+from dmp.recorrupted.products import Incidence, vertex_normals
 
 # Numbers of half-lazy averaging steps, growing like the Fibonacci numbers: fine where the noise is, coarse beyond.
 STEPS = (1, 2, 3, 5, 8, 13, 21)
@@ -36,9 +36,7 @@ def diffusions(positions: Tensor, half_lazy: Tensor, incidence: Incidence) -> tu
         if step in STEPS:
             differences.append(diffused - positions)
         if step == _NORMAL_STEPS:
-            corners = diffused.index_select(0, incidence.corners).view(3, -1, 3)
-            areas = area_vectors(corners)
-            normals = functional.normalize(incidence.corner_sum @ areas.repeat(3, 1), dim=1)
+            normals = vertex_normals(diffused, incidence)
     return torch.stack(differences, dim=1), normals
 
 

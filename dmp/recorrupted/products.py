@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from scipy import sparse
 from torch import Tensor
+from torch.nn import functional
 
 from dmp.mesh import IntArray
 from dmp.operators import to_torch
@@ -155,3 +156,12 @@ def product(matrix: Tensor, transposed: Tensor, features: Tensor) -> Tensor:
 def area_vectors(corners: Tensor) -> Tensor:
     """Return the cross products of two edges of each face, (F, 3), for corners (3, F, 3)."""
     return torch.linalg.cross(corners[1] - corners[0], corners[2] - corners[0])
+
+
+def vertex_normals(positions: Tensor, incidence: Incidence) -> Tensor:
+    """Return unit vertex normals, (V, 3): the normals of the faces around each vertex, weighted by area.
+
+    They have the dtype of the ``positions`` (V, 3), and are 0 at a vertex without faces and where the faces cancel out.
+    """
+    areas = area_vectors(gather_corners(positions, incidence))
+    return functional.normalize(sum_corners(areas.expand(3, -1, -1), incidence), dim=1)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 from dmp.adam import Adam
 from dmp.errors import SettingsError, TrainingError
@@ -34,7 +33,7 @@ from dmp.recorrupted.noise_model import (
 )
 from dmp.recorrupted.outliers import find_outliers, replaced
 from dmp.recorrupted.patches import Patch, patches, whole
-from dmp.recorrupted.products import Incidence, area_vectors, gather_corners
+from dmp.recorrupted.products import Incidence, area_vectors, vertex_normals
 from dmp.settings import Settings
 from dmp.training import Training
 
@@ -398,8 +397,7 @@ def _with_settings(noise: NoiseModel, settings: Settings) -> NoiseModel:
 
 def _mostly_along_normals(before: Tensor, after: Tensor, incidence: Incidence, share: float) -> Tensor:
     """Return ``after`` with the part of the movement that is across its own vertex normals multiplied by ``share``."""
-    areas = area_vectors(gather_corners(after, incidence))
-    normals = functional.normalize(incidence.corner_sum @ areas.repeat(3, 1), dim=1)
+    normals = vertex_normals(after, incidence)
     movement = after - before
     along = (movement * normals).sum(dim=1, keepdim=True) * normals
     return before + along + share * (movement - along)

@@ -6,15 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
 from vtkmodules.vtkCommonCore import vtkPoints
-from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+from vtkmodules.vtkCommonDataModel import vtkCellArray
 
 from dmp.mesh import FloatArray, IntArray
 from dmp_viewer.theme import Theme, rgb
 from dmp_viewer.views.mesh_panes import INPUT, MeshPanes
 from dmp_viewer.views.outlines import Outline
-
-_DOT, _RIM = 8.0, 4.0
+from dmp_viewer.views.point_mark import RimmedDots
 
 
 class FindingMarks:
@@ -28,24 +26,7 @@ class FindingMarks:
         self._panes = panes
         renderer = panes.interactor.renderers[INPUT]
         self._outline = Outline(renderer, 4.0, 3.0, layer=3)
-        self._data = vtkPolyData()
-        self._dots: list[vtkActor] = []
-        # Pulled towards the eye by the depth buffer only; the rim less, so that the dot lies on top of it.
-        for width, pull in ((_DOT + _RIM, -56.0), (_DOT, -64.0)):
-            mapper = vtkPolyDataMapper()
-            mapper.SetInputData(self._data)
-            mapper.ScalarVisibilityOff()
-            mapper.SetResolveCoincidentTopologyToPolygonOffset()
-            mapper.SetRelativeCoincidentTopologyPointOffsetParameter(pull)
-            actor = vtkActor()
-            actor.SetMapper(mapper)
-            actor.GetProperty().SetPointSize(width)
-            actor.GetProperty().RenderPointsAsSpheresOn()
-            actor.GetProperty().LightingOff()
-            actor.SetVisibility(False)
-            actor.PickableOff()
-            renderer.AddActor(actor)
-            self._dots.append(actor)
+        self._dots = RimmedDots(renderer, 8.0, 4.0, pull=64.0)
 
     def show(self, shown: FloatArray, vertices: FloatArray, edges: FloatArray) -> None:
         """Mark places on the mesh on show; empty arrays mark nothing.
@@ -66,14 +47,13 @@ class FindingMarks:
         """Mark nothing any more."""
         if self.n_dots or self.n_lines:
             self._outline.set_visible(False)
-            for dot in self._dots:
-                dot.SetVisibility(False)
+            self._dots.set_visible(False)
             self._panes.interactor.mark([INPUT])
 
     @property
     def n_dots(self) -> int:
         """Number of dots that are drawn now."""
-        return int(self._data.GetNumberOfVerts()) if self._dots[0].GetVisibility() else 0
+        return self._dots.count
 
     @property
     def n_lines(self) -> int:
@@ -83,22 +63,16 @@ class FindingMarks:
     @property
     def places(self) -> NDArray[np.float32]:
         """Where the dots are, (n, 3), in the units of the view."""
-        return np.array([self._data.GetPoint(index) for index in range(self._data.GetNumberOfPoints())], dtype=np.float32)
+        return self._dots.places
 
     def set_theme(self, theme: Theme) -> None:
         """Take the colours of a theme."""
         self._outline.set_colors(rgb(theme.hole), rgb(theme.halo))
-        self._dots[0].GetProperty().SetColor(*rgb(theme.halo))
-        self._dots[1].GetProperty().SetColor(*rgb(theme.hole))
+        self._dots.set_colors(rgb(theme.hole), rgb(theme.halo))
 
     def _set_dots(self, places: NDArray[np.float32]) -> None:
         points, cells = vtkPoints(), vtkCellArray()
         points.SetData(numpy_to_vtk(np.ascontiguousarray(places), deep=True))
         indices: IntArray = np.arange(len(places), dtype=np.int64)
         cells.SetData(1, numpy_to_vtkIdTypeArray(indices, deep=True))
-        self._data.Initialize()
-        self._data.SetPoints(points)
-        self._data.SetVerts(cells)
-        self._data.Modified()
-        for dot in self._dots:
-            dot.SetVisibility(len(places) > 0)
+        self._dots.set_points(points, cells)

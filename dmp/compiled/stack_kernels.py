@@ -1,0 +1,309 @@
+"""Kernels of a graph convolution with batch normalisation and LeakyReLU, each as few passes over memory as the order allows.
+
+Every kernel takes a pointer to int64: the number of the next part, the number of parts, whether the rows are bfloat16 (1) or
+float32 (0), then what its name says. Everything that is not a row of an array is float32 or int32.
+"""
+
+# Numba has no types for mypy, and its compiler reads signatures from values.
+# mypy: ignore-errors
+from __future__ import annotations
+
+import numpy as np
+
+from dmp.compiled.kernel import kernel
+from dmp.compiled.pointers import doubles, floats, halves, numbers, row_function, take_next
+from dmp.compiled.stack_rows import EPSILON, ROWS, activate_rows, derive_rows, gather_rows, moments_rows, sums_rows
+
+
+# -- one part after the other -------------------------------------------------------------------------------------
+
+
+@row_function
+def _rows_of_part(job, part, n_vertices):
+    """Return the first row of a part, and the one after its last; parts are whole blocks."""
+    blocks = (n_vertices + ROWS - 1) // ROWS
+    return part * blocks // job[1] * ROWS, min(n_vertices, (part + 1) * blocks // job[1] * ROWS)
+
+
+@row_function
+def _run_activate(job, z, y):
+    mean, scale, beta, n_vertices, channels = floats(job[5]), floats(job[6]), floats(job[7]), job[8], job[9]
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        first, last = _rows_of_part(job, part, n_vertices)
+        activate_rows(z, y, mean, scale, beta, first, last, channels)
+
+
+@row_function
+def _run_derive(job, g, z):
+    mean, scale, beta, slope, constant = floats(job[5]), floats(job[6]), floats(job[7]), floats(job[8]), floats(job[9])
+    n_vertices, channels = job[10], job[11]
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        first, last = _rows_of_part(job, part, n_vertices)
+        derive_rows(g, z, mean, scale, beta, slope, constant, first, last, channels)
+
+
+@row_function
+def _run_moments(job, z):
+    means, squares, n_vertices, channels = job[4], job[5], job[6], job[7]
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        first, last = _rows_of_part(job, part, n_vertices)
+        for row in range(first, last, ROWS):
+            place = 4 * (row // ROWS) * channels
+            moments_rows(z, floats(means + place), floats(squares + place), row, min(last, row + ROWS), channels)
+
+
+@row_function
+def _run_sums(job, g, z):
+    mean, scale, beta, plain, weighted = floats(job[5]), floats(job[6]), floats(job[7]), job[8], job[9]
+    n_vertices, channels = job[10], job[11]
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        first, last = _rows_of_part(job, part, n_vertices)
+        for row in range(first, last, ROWS):
+            place = 4 * (row // ROWS) * channels
+            sums_rows(
+                g, z, mean, scale, beta, floats(plain + place), floats(weighted + place), row, min(last, row + ROWS), channels
+            )  # fmt: skip
+
+
+@row_function
+def _run_gather(job, x, y):
+    starts, columns, values, blocks = numbers(job[5]), numbers(job[6]), floats(job[7]), numbers(job[8])
+    n_blocks, n_vertices, channels = job[9], job[10], job[11]
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        for k in range(part * n_blocks // job[1], (part + 1) * n_blocks // job[1]):
+            first = blocks[k] * ROWS
+            gather_rows(starts, columns, values, x, y, first, min(n_vertices, first + ROWS), channels)
+
+
+@row_function
+def _run_gather_moments(job, x, y):
+    starts, columns, values = numbers(job[5]), numbers(job[6]), floats(job[7])
+    means, squares, n_vertices, channels = job[8], job[9], job[10], job[11]
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        first, end = _rows_of_part(job, part, n_vertices)
+        for row in range(first, end, ROWS):
+            last, place = min(end, row + ROWS), 4 * (row // ROWS) * channels
+            gather_rows(starts, columns, values, x, y, row, last, channels)
+            moments_rows(y, floats(means + place), floats(squares + place), row, last, channels)
+
+
+@row_function
+def _run_gather_sums(job, x, g, z):
+    starts, columns, values = numbers(job[6]), numbers(job[7]), floats(job[8])
+    mean, scale, beta, plain, weighted = floats(job[9]), floats(job[10]), floats(job[11]), job[12], job[13]
+    n_vertices, channels = job[14], job[15]
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        first, end = _rows_of_part(job, part, n_vertices)
+        for row in range(first, end, ROWS):
+            last, place = min(end, row + ROWS), 4 * (row // ROWS) * channels
+            gather_rows(starts, columns, values, x, g, row, last, channels)
+            sums_rows(g, z, mean, scale, beta, floats(plain + place), floats(weighted + place), row, last, channels)
+
+
+@row_function
+def _run_activate_gather(job, z, y, gathered):
+    starts, columns, values = numbers(job[6]), numbers(job[7]), floats(job[8])
+    bounds, queue_starts, queue, highest = numbers(job[9]), numbers(job[10]), numbers(job[11]), numbers(job[12])
+    mean, scale, beta, channels = floats(job[13]), floats(job[14]), floats(job[15]), job[16]
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        end, k = bounds[part + 1], queue_starts[part]
+        for row in range(bounds[part], end, ROWS):
+            last = min(end, row + ROWS)
+            activate_rows(z, y, mean, scale, beta, row, last, channels)
+            # Blocks whose neighbours are all there: they are still in the cache.
+            while k < queue_starts[part + 1] and highest[queue[k]] < last:
+                first = queue[k] * ROWS
+                gather_rows(starts, columns, values, y, gathered, first, min(end, first + ROWS), channels)
+                k += 1
+
+
+@row_function
+def _run_derive_gather(job, g, z, gathered):
+    starts, columns, values = numbers(job[6]), numbers(job[7]), floats(job[8])
+    bounds, queue_starts, queue, highest = numbers(job[9]), numbers(job[10]), numbers(job[11]), numbers(job[12])
+    mean, scale, beta, slope, constant = floats(job[13]), floats(job[14]), floats(job[15]), floats(job[16]), floats(job[17])
+    channels = job[18]
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        end, k = bounds[part + 1], queue_starts[part]
+        for row in range(bounds[part], end, ROWS):
+            last = min(end, row + ROWS)
+            derive_rows(g, z, mean, scale, beta, slope, constant, row, last, channels)
+            while k < queue_starts[part + 1] and highest[queue[k]] < last:
+                first = queue[k] * ROWS
+                gather_rows(starts, columns, values, g, gathered, first, min(end, first + ROWS), channels)
+                k += 1
+
+
+# -- kernels ------------------------------------------------------------------------------------------------------
+
+
+@kernel
+def activate(job):
+    """z, y, mean, scale, beta, V, C: write y for z."""
+    if job[2]:
+        _run_activate(job, halves(job[3]), halves(job[4]))
+    else:
+        _run_activate(job, floats(job[3]), floats(job[4]))
+
+
+@kernel
+def derive(job):
+    """g, z, mean, scale, beta, slope, constant, V, C: write the gradient of z over that of y."""
+    if job[2]:
+        _run_derive(job, halves(job[3]), halves(job[4]))
+    else:
+        _run_derive(job, floats(job[3]), floats(job[4]))
+
+
+@kernel
+def moments(job):
+    """z, means, squares, V, C: write mean and sum of squared distances from it for each block, (blocks, C)."""
+    if job[2]:
+        _run_moments(job, halves(job[3]))
+    else:
+        _run_moments(job, floats(job[3]))
+
+
+@kernel
+def sums(job):
+    """g, z, mean, scale, beta, plain, weighted, V, C: write the sums of each block, (blocks, C), for the gradient of y."""
+    if job[2]:
+        _run_sums(job, halves(job[3]), halves(job[4]))
+    else:
+        _run_sums(job, floats(job[3]), floats(job[4]))
+
+
+@kernel
+def gather(job):
+    """x, y, starts, columns, values, blocks, number of blocks, V, C: write these blocks of P x to y."""
+    if job[2]:
+        _run_gather(job, halves(job[3]), halves(job[4]))
+    else:
+        _run_gather(job, floats(job[3]), floats(job[4]))
+
+
+@kernel
+def gather_moments(job):
+    """x, y, starts, columns, values, means, squares, V, C: write P x to y, and what :func:`moments` writes for y."""
+    if job[2]:
+        _run_gather_moments(job, halves(job[3]), halves(job[4]))
+    else:
+        _run_gather_moments(job, floats(job[3]), floats(job[4]))
+
+
+@kernel
+def gather_sums(job):
+    """x, g, z, starts, columns, values, mean, scale, beta, plain, weighted, V, C: write P x to g, and its :func:`sums`."""
+    if job[2]:
+        _run_gather_sums(job, halves(job[3]), halves(job[4]), halves(job[5]))
+    else:
+        _run_gather_sums(job, floats(job[3]), floats(job[4]), floats(job[5]))
+
+
+@kernel
+def activate_gather(job):
+    """z, y, out, starts, columns, values, bounds, queue starts, queue, highest, mean, scale, beta, C.
+
+    Write y for z, and P y to ``out`` in all blocks of the queues, which have no neighbour outside their part.
+    """
+    if job[2]:
+        _run_activate_gather(job, halves(job[3]), halves(job[4]), halves(job[5]))
+    else:
+        _run_activate_gather(job, floats(job[3]), floats(job[4]), floats(job[5]))
+
+
+@kernel
+def derive_gather(job):
+    """g, z, out, starts, columns, values, bounds, queue starts, queue, highest, mean, scale, beta, slope, constant, C.
+
+    Write the gradient of z over that of y, and P times it to ``out`` in all blocks of the queues.
+    """
+    if job[2]:
+        _run_derive_gather(job, halves(job[3]), halves(job[4]), halves(job[5]))
+    else:
+        _run_derive_gather(job, floats(job[3]), floats(job[4]), floats(job[5]))
+
+
+@kernel
+def join_moments(job):
+    """Means, squares, space (2, C) float64, mean, over_deviation, V, C: write the moments of all rows from those of the blocks."""
+    means, squares, n_vertices, channels = floats(job[3]), floats(job[4]), job[8], job[9]
+    joined, spread, mean, over_deviation = doubles(job[5]), doubles(job[5] + 8 * channels), floats(job[6]), floats(job[7])
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        first, last = part * channels // job[1], (part + 1) * channels // job[1]
+        for c in range(first, last):
+            joined[c], spread[c] = 0.0, 0.0
+        for row in range(0, n_vertices, ROWS):
+            share = np.float64(min(ROWS, n_vertices - row)) / n_vertices
+            place = row // ROWS * channels
+            for c in range(first, last):
+                joined[c] += share * means[place + c]
+        for row in range(0, n_vertices, ROWS):
+            share = np.float64(min(ROWS, n_vertices - row)) / n_vertices
+            place = row // ROWS * channels
+            for c in range(first, last):
+                distance = means[place + c] - joined[c]
+                spread[c] += squares[place + c] / np.float64(n_vertices) + share * distance * distance
+        for c in range(first, last):
+            mean[c] = np.float32(joined[c])
+            over_deviation[c] = np.float32(1 / np.sqrt(spread[c] + EPSILON))
+
+
+@kernel
+def join_sums(job):
+    """Plain, weighted, space (2, C), over_deviation, scale, of gamma, of beta, slope, constant, V, C: add up those of the blocks.
+
+    From the sums come the gradients of gamma and beta, and the numbers with which the gradient of z is
+    scale g + slope (z - mean) + constant for that of u, g (Ioffe & Szegedy 2015, section 3).
+    """
+    plain, weighted, over_deviation, scale = floats(job[3]), floats(job[4]), floats(job[6]), floats(job[7])
+    of_gamma, of_beta, slope, constant = floats(job[8]), floats(job[9]), floats(job[10]), floats(job[11])
+    n_vertices, channels = job[12], job[13]
+    added, added_weighted = doubles(job[5]), doubles(job[5] + 8 * channels)
+    while True:
+        part = take_next(job)
+        if part >= job[1]:
+            break
+        first, last = part * channels // job[1], (part + 1) * channels // job[1]
+        for c in range(first, last):
+            added[c], added_weighted[c] = 0.0, 0.0
+        for row in range(0, n_vertices, ROWS):
+            place = row // ROWS * channels
+            for c in range(first, last):
+                added[c] += plain[place + c]
+                added_weighted[c] += weighted[place + c]
+        for c in range(first, last):
+            with_deviation = added_weighted[c] * over_deviation[c]
+            of_beta[c], of_gamma[c] = np.float32(added[c]), np.float32(with_deviation)
+            slope[c] = np.float32(-scale[c] * over_deviation[c] * with_deviation / n_vertices)
+            constant[c] = np.float32(-scale[c] * added[c] / n_vertices)

@@ -1,0 +1,27 @@
+"""What the layers of a plain series of graph convolutions keep in memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+
+def gathers_first(input_channels: int, widths: Sequence[int]) -> list[bool]:
+    """Return for each layer whether it takes P x before the product with the weights: on the narrower side."""
+    return [i < o for i, o in pairwise((input_channels, *widths))]
+
+
+def outputs_wanted_again(input_channels: int, widths: Sequence[int]) -> list[bool]:
+    """Return for each layer whether the backward pass needs its output: what the next layer multiplies, not what it gathers."""
+    return [*(not first for first in gathers_first(input_channels, widths)[1:]), False]
+
+
+def bytes_per_vertex(input_channels: int, widths: Sequence[int], *, value_bytes: int = 4, keep_outputs: bool = True) -> int:
+    """Return what :class:`dmp.layers.stack_buffers.StackBuffers` takes for each vertex, less than a byte for sums apart."""
+    sizes = (input_channels, *widths)
+    values = sum(widths) + sum(i for i, first in zip(sizes, gathers_first(input_channels, widths), strict=False) if first)
+    values += max(sizes) * (3 if keep_outputs else 4)
+    if keep_outputs:
+        wanted = outputs_wanted_again(input_channels, widths)
+        values += sum(width for width, again in zip(widths, wanted, strict=True) if again)
+    return value_bytes * values
