@@ -54,45 +54,6 @@ def numbers(typing_context, address):
 
 
 @intrinsic
-def load(typing_context, pointer, index):
-    """Return the number at ``pointer[index]`` as float32."""
-
-    def generate(context, builder, signature, arguments):
-        place = builder.gep(arguments[0], [arguments[1]])
-        value = builder.load(place)
-        if signature.args[0] == _FLOATS:
-            return value
-        # A bfloat16 is the upper half of a float32.
-        word = builder.shl(builder.zext(value, ir.IntType(32)), ir.Constant(ir.IntType(32), 16))
-        return builder.bitcast(word, ir.FloatType())
-
-    return types.float32(pointer, types.int64), generate
-
-
-@intrinsic
-def store(typing_context, pointer, index, value):
-    """Write the float32 ``value`` to ``pointer[index]``, rounded to the nearest (ties to even) where that is a bfloat16."""
-
-    def generate(context, builder, signature, arguments):
-        place = builder.gep(arguments[0], [arguments[1]])
-        value = arguments[2]
-        if signature.args[0] == _HALVES:
-            word_type = ir.IntType(32)
-            word = builder.bitcast(value, word_type)
-            upper = builder.lshr(word, ir.Constant(word_type, 16))
-            odd = builder.and_(upper, ir.Constant(word_type, 1))
-            rounded = builder.add(builder.add(word, ir.Constant(word_type, 0x7FFF)), odd)
-            # Rounding could make infinity of a number that is none; a quiet one is kept in its place.
-            is_none = builder.fcmp_unordered("uno", value, value)
-            kept = builder.select(is_none, ir.Constant(word_type, 0x7FC00000), rounded)
-            value = builder.trunc(builder.lshr(kept, ir.Constant(word_type, 16)), ir.IntType(16))
-        builder.store(value, place)
-        return context.get_dummy_value()
-
-    return types.void(pointer, types.int64, types.float32), generate
-
-
-@intrinsic
 def multiply_rows(typing_context, function, rows, features, packed, out, n_in, n_out):
     """Write ``features`` (rows, in) times packed weights (in, out) to ``out``; all but the sizes are addresses.
 

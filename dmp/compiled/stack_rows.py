@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmp.compiled.pointers import load, row_function, store
+from dmp.compiled.pointers import row_function
+from dmp.compiled.vectors import LANES, load, nothing, store, times, where_positive, wide
 
 # Rows in a block. Sums over vertices are kept block by block and added up in a fixed order, so that no result depends on how
 # many threads there are.
 ROWS = 64
+# Rows whose values for 16 channels are added up in registers; more would leave the first cache.
+_ROWS_AT_ONCE = 8
 SLOPE = 0.01
 EPSILON = 1e-5
 
@@ -22,106 +25,151 @@ _SLOPE, _ONE, _ZERO = np.float32(SLOPE), np.float32(1), np.float32(0)
 
 
 @row_function
+def _activate(z, y, mean, scale, beta, at, c):
+    u = (load(z, at + c) - load(mean, c)) * load(scale, c) + load(beta, c)
+    store(y, at + c, where_positive(u, u, _SLOPE))
+
+
+@row_function
 def activate_rows(z, y, mean, scale, beta, first, last, channels):
     """Write y for z."""
+    strips = channels // LANES * LANES
     for at in range(first * channels, last * channels, channels):
-        for c in range(channels):
-            u = (load(z, at + c) - mean[c]) * scale[c] + beta[c]
-            store(y, at + c, u if u > _ZERO else _SLOPE * u)
+        for c in range(0, strips, LANES):
+            _activate(wide(z), wide(y), wide(mean), wide(scale), wide(beta), at, c)
+        for c in range(strips, channels):
+            _activate(z, y, mean, scale, beta, at, c)
+
+
+@row_function
+def _derive(g, z, mean, scale, beta, slope, constant, at, c):
+    centred = load(z, at + c) - load(mean, c)
+    of_u = where_positive(centred * load(scale, c) + load(beta, c), load(g, at + c), _SLOPE)
+    store(g, at + c, of_u * load(scale, c) + (centred * load(slope, c) + load(constant, c)))
 
 
 @row_function
 def derive_rows(g, z, mean, scale, beta, slope, constant, first, last, channels):
     """Write the gradient of z over that of y."""
+    strips = channels // LANES * LANES
     for at in range(first * channels, last * channels, channels):
-        for c in range(channels):
-            centred = load(z, at + c) - mean[c]
-            of_y = load(g, at + c)
-            of_u = of_y if centred * scale[c] + beta[c] > _ZERO else _SLOPE * of_y
-            store(g, at + c, of_u * scale[c] + (centred * slope[c] + constant[c]))
+        for c in range(0, strips, LANES):
+            _derive(wide(g), wide(z), wide(mean), wide(scale), wide(beta), wide(slope), wide(constant), at, c)
+        for c in range(strips, channels):
+            _derive(g, z, mean, scale, beta, slope, constant, at, c)
 
 
 @row_function
-def _sum_of_four(y, at, x, a, b, c, d, p, q, r, s, channels):
-    for i in range(channels):
-        store(y, at + i, (p * load(x, a + i) + q * load(x, b + i)) + (r * load(x, c + i) + s * load(x, d + i)))
+def _sum_of_seven(y, at, x, a, b, c, d, e, f, g, p, q, r, s, t, u, v, i):
+    former = (times(p, load(x, a + i)) + times(q, load(x, b + i))) + (times(r, load(x, c + i)) + times(s, load(x, d + i)))
+    latter = (times(t, load(x, e + i)) + times(u, load(x, f + i))) + times(v, load(x, g + i))
+    store(y, at + i, former + latter)
 
 
 @row_function
-def _four_more(y, at, x, a, b, c, d, p, q, r, s, channels):
-    for i in range(channels):
-        more = (p * load(x, a + i) + q * load(x, b + i)) + (r * load(x, c + i) + s * load(x, d + i))
-        store(y, at + i, load(y, at + i) + more)
-
-
-@row_function
-def _sum_of_seven(y, at, x, a, b, c, d, e, f, g, p, q, r, s, t, u, v, channels):
-    for i in range(channels):
-        former = (p * load(x, a + i) + q * load(x, b + i)) + (r * load(x, c + i) + s * load(x, d + i))
-        store(y, at + i, former + ((t * load(x, e + i) + u * load(x, f + i)) + v * load(x, g + i)))
+def _sum(columns, values, begin, end, y, at, x, channels, i):
+    total = nothing(x)
+    for k in range(begin, end):
+        total = total + times(values[k], load(x, columns[k] * channels + i))
+    store(y, at + i, total)
 
 
 @row_function
 def gather_rows(starts, columns, values, x, y, first, last, channels):
     """Write rows ``first`` to ``last`` of P x to y."""
+    strips = channels // LANES * LANES
     for row in range(first, last):
         k, end = starts[row], starts[row + 1]
         at = row * channels
         # Itself and six neighbours, as most vertices have.
         if end - k == 7:
-            _sum_of_seven(
-                y, at, x,
-                columns[k] * channels, columns[k + 1] * channels, columns[k + 2] * channels, columns[k + 3] * channels,
-                columns[k + 4] * channels, columns[k + 5] * channels, columns[k + 6] * channels,
-                values[k], values[k + 1], values[k + 2], values[k + 3], values[k + 4], values[k + 5], values[k + 6],
-                channels,
+            a, b, c, d = columns[k] * channels, columns[k + 1] * channels, columns[k + 2] * channels, columns[k + 3] * channels
+            e, f, g = columns[k + 4] * channels, columns[k + 5] * channels, columns[k + 6] * channels
+            p, q, r, s, t, u, v = (
+                values[k], values[k + 1], values[k + 2], values[k + 3], values[k + 4], values[k + 5], values[k + 6]
             )  # fmt: skip
-            continue
-        is_first = True
-        while k < end:
-            a, p = columns[k] * channels, values[k]
-            # What is missing to four counts nothing.
-            b, q, c, r, d, s = a, _ZERO, a, _ZERO, a, _ZERO
-            if k + 1 < end:
-                b, q = columns[k + 1] * channels, values[k + 1]
-            if k + 2 < end:
-                c, r = columns[k + 2] * channels, values[k + 2]
-            if k + 3 < end:
-                d, s = columns[k + 3] * channels, values[k + 3]
-            if is_first:
-                _sum_of_four(y, at, x, a, b, c, d, p, q, r, s, channels)
-                is_first = False
-            else:
-                _four_more(y, at, x, a, b, c, d, p, q, r, s, channels)
-            k += 4
+            for i in range(0, strips, LANES):
+                _sum_of_seven(wide(y), at, wide(x), a, b, c, d, e, f, g, p, q, r, s, t, u, v, i)
+            for i in range(strips, channels):
+                _sum_of_seven(y, at, x, a, b, c, d, e, f, g, p, q, r, s, t, u, v, i)
+        else:
+            for i in range(0, strips, LANES):
+                _sum(columns, values, k, end, wide(y), at, wide(x), channels, i)
+            for i in range(strips, channels):
+                _sum(columns, values, k, end, y, at, x, channels, i)
+
+
+@row_function
+def _clear(sums, c):
+    store(sums, c, nothing(sums))
+
+
+@row_function
+def _add_rows(z, sums, first, last, channels, c):
+    total = load(sums, c)
+    for at in range(first * channels, last * channels, channels):
+        total = total + load(z, at + c)
+    store(sums, c, total)
+
+
+@row_function
+def _add_squares(z, mean, squares, first, last, channels, c):
+    middle, total = load(mean, c), load(squares, c)
+    for at in range(first * channels, last * channels, channels):
+        distance = load(z, at + c) - middle
+        total = total + distance * distance
+    store(squares, c, total)
 
 
 @row_function
 def moments_rows(z, mean, squares, first, last, channels):
     """Write the mean of rows and the sum of their squared distances from it, (C,) both."""
+    strips = channels // LANES * LANES
     for c in range(channels):
-        mean[c], squares[c] = _ZERO, _ZERO
-    for at in range(first * channels, last * channels, channels):
-        for c in range(channels):
-            mean[c] += load(z, at + c)
+        _clear(mean, c)
+        _clear(squares, c)
+    for begin in range(first, last, _ROWS_AT_ONCE):
+        end = min(last, begin + _ROWS_AT_ONCE)
+        for c in range(0, strips, LANES):
+            _add_rows(wide(z), wide(mean), begin, end, channels, c)
+        for c in range(strips, channels):
+            _add_rows(z, mean, begin, end, channels, c)
     share = _ONE / np.float32(last - first)
     for c in range(channels):
         mean[c] *= share
+    for begin in range(first, last, _ROWS_AT_ONCE):
+        end = min(last, begin + _ROWS_AT_ONCE)
+        for c in range(0, strips, LANES):
+            _add_squares(wide(z), wide(mean), wide(squares), begin, end, channels, c)
+        for c in range(strips, channels):
+            _add_squares(z, mean, squares, begin, end, channels, c)
+
+
+@row_function
+def _add_sums(g, z, mean, scale, beta, plain, weighted, first, last, channels, c):
+    middle, factor, constant = load(mean, c), load(scale, c), load(beta, c)
+    total, total_weighted = load(plain, c), load(weighted, c)
     for at in range(first * channels, last * channels, channels):
-        for c in range(channels):
-            distance = load(z, at + c) - mean[c]
-            squares[c] += distance * distance
+        centred = load(z, at + c) - middle
+        of_u = where_positive(centred * factor + constant, load(g, at + c), _SLOPE)
+        total = total + of_u
+        total_weighted = total_weighted + of_u * centred
+    store(plain, c, total)
+    store(weighted, c, total_weighted)
 
 
 @row_function
 def sums_rows(g, z, mean, scale, beta, plain, weighted, first, last, channels):
     """Write the sums over rows of the gradient of u, and of that times z - mean, (C,) both, for that of y."""
+    strips = channels // LANES * LANES
     for c in range(channels):
-        plain[c], weighted[c] = _ZERO, _ZERO
-    for at in range(first * channels, last * channels, channels):
-        for c in range(channels):
-            centred = load(z, at + c) - mean[c]
-            of_y = load(g, at + c)
-            of_u = of_y if centred * scale[c] + beta[c] > _ZERO else _SLOPE * of_y
-            plain[c] += of_u
-            weighted[c] += of_u * centred
+        _clear(plain, c)
+        _clear(weighted, c)
+    for begin in range(first, last, _ROWS_AT_ONCE):
+        end = min(last, begin + _ROWS_AT_ONCE)
+        for c in range(0, strips, LANES):
+            _add_sums(
+                wide(g), wide(z), wide(mean), wide(scale), wide(beta), wide(plain), wide(weighted), begin, end, channels, c
+            )  # fmt: skip
+        for c in range(strips, channels):
+            _add_sums(g, z, mean, scale, beta, plain, weighted, begin, end, channels, c)
