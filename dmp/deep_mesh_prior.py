@@ -91,8 +91,6 @@ class DeepMeshPrior(Training):
         self._buffers: StackBuffers | None = None
         self._has_buffers = self.device.type == "cpu" and network.has_use_for_buffers
         self._between_layers = _between_layers(settings.precision, max(layout.widths))
-        if self._has_buffers and isinstance(self._graph, Tensor):
-            self._graph = self._graph.to(self._between_layers)
         # Where the layers of the whole mesh find no room, this many vertices at a time; 0 for all at once.
         self._patch_vertices = patch_vertices_for(settings, n_vertices) if self._has_buffers else 0
         self._patched: PatchedNetwork | None = None
@@ -125,7 +123,9 @@ class DeepMeshPrior(Training):
         if self._patch_vertices and isinstance(self._graph, Tensor):
             if self._patched is None:
                 base = self._base.numpy()
-                self._patched = PatchedNetwork(self._network, self._graph, base, self._patch_vertices)
+                self._patched = PatchedNetwork(
+                    self._network, self._graph, base, self._patch_vertices, dtype=self._between_layers
+                )
             return self._patched(self._features)
         if self._has_buffers and self._buffers is None:
             # Whether outputs are kept changes no digit of the result.

@@ -1,1 +1,1 @@
-"""Kernels that are compiled when they are first needed, and kept compiled on disk: where memory, not arithmetic, takes the time."""
+"""Kernels for what takes memory traffic rather than arithmetic; compiled when first needed, and kept compiled on disk."""

@@ -1,10 +1,11 @@
-"""Kernels that take a whole layer in one sweep over the vertices, its product with the weights included, while rows are in the cache.
+"""Kernels that go through a layer in one sweep over the vertices, the product with its weights included.
 
-For float32 and where :mod:`dmp.compiled.packed_weights` has a product. Each kind of layer and each direction has two kernels with
-the same arguments. The first sweeps over parts of the rows, and finishes a block as soon as the rows of all its neighbours are
-there; the second then finishes the blocks with neighbours in other parts. A job is: number of the next part, number of parts;
-starts, columns and values of P; bounds, queue starts, queue and highest of the sweep (for the second kernel: the blocks in place
-of the bounds); V; then addresses and sizes as each pair of kernels says.
+For float32, and where :mod:`dmp.compiled.packed_weights` has a product. Rows are used while they are in the cache: each kind of
+layer and each direction has a kernel that sweeps over parts of the rows and finishes a block as soon as the rows of all its
+neighbours are there, and one, with the same arguments, that then finishes the blocks with neighbours in other parts.
+
+A job is: number of the next part, number of parts; starts, columns and values of P; bounds, queue starts, queue and highest of
+the sweep (for the second kernel: the blocks in place of the bounds); V; then addresses and sizes as each pair of kernels says.
 """
 
 # Numba has no types for mypy, and its compiler reads signatures from values.
@@ -49,7 +50,7 @@ def _finish_multiplied(job, block):
 
 @kernel
 def activate_multiply_gather(job):
-    """z before, mean, scale, beta, y before, function, weights, product, z, means, squares, in, out.
+    """The z before, mean, scale, beta, y before, function, weights, product, z, means, squares, in, out.
 
     A layer that multiplies first: y for the z before, its product with the weights, z = P times that, and the moments of z; see
     :func:`gather_multiplied`.
@@ -155,7 +156,7 @@ def _finish_spread(job, block):
 
 @kernel
 def derive_gather_multiply(job):
-    """g, z, mean, scale, beta, slope, constant; function, weights, P g, g before; z before, mean, scale, beta; sums (2); in, out.
+    """The g, z, mean, scale, beta, slope, constant; function, weights, P g; g and z before, mean, scale, beta; sums; in, out.
 
     Backward through a layer that multiplies first: the gradient of z over that of y, P times that, that times the transposed
     weights, which is the gradient of the y before, and its sums; see :func:`gather_multiply_sums`.

@@ -11,8 +11,9 @@ from torch import Tensor
 from dmp.compiled import fused_kernels as kernels
 from dmp.compiled.blocked_matrix import BlockedMatrix
 from dmp.compiled.launching import launch
+from dmp.compiled.layer_steps import Backward, Derivative, Forward
 from dmp.compiled.packed_weights import PackedWeights
-from dmp.compiled.stack_passes import Derivative, Layer, StackPasses
+from dmp.compiled.stack_passes import StackPasses
 from dmp.compiled.stack_rows import ROWS
 
 
@@ -23,87 +24,42 @@ class FusedPasses(StackPasses):
         super().__init__(n_vertices, widest)
         self._packed: dict[tuple[int, int], PackedWeights] = {}
 
-    def forward_multiplying(
-        self, matrix: BlockedMatrix, before: Layer, weight: Tensor, activated: Tensor, product: Tensor, mixed: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        pair = kernels.activate_multiply_gather, kernels.gather_multiplied
-        return self._forward(pair, matrix, before, weight, activated, product, mixed)
+    def forward_multiplying(self, step: Forward) -> tuple[Tensor, Tensor]:
+        """Go through a layer that multiplies by its weights first, and return the moments of its z."""
+        return self._forward(step, kernels.activate_multiply_gather, kernels.gather_multiplied)
 
-    def forward_gathering(
-        self, matrix: BlockedMatrix, before: Layer, weight: Tensor, activated: Tensor, gathered: Tensor, mixed: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        pair = kernels.activate_gather_multiply, kernels.gather_and_multiply
-        return self._forward(pair, matrix, before, weight, activated, gathered, mixed)
+    def forward_gathering(self, step: Forward) -> tuple[Tensor, Tensor]:
+        """Go through a layer that gathers first, and return the moments of its z."""
+        return self._forward(step, kernels.activate_gather_multiply, kernels.gather_and_multiply)
 
-    def backward_multiplying(
-        self,
-        matrix: BlockedMatrix,
-        gradient: Tensor,
-        layer: Layer,
-        derivative: Derivative,
-        weight: Tensor,
-        spread: Tensor,
-        of_before: Tensor,
-        before: Layer,
-    ) -> Derivative:
-        pair = kernels.derive_gather_multiply, kernels.gather_multiply_sums
-        return self._backward(pair, matrix, gradient, layer, derivative, weight, spread, of_before, before)
+    def backward_multiplying(self, step: Backward) -> Derivative:
+        """Go back through a layer that multiplies first, and return the derivative of the layer before."""
+        return self._backward(step, kernels.derive_gather_multiply, kernels.gather_multiply_sums)
 
-    def backward_gathering(
-        self,
-        matrix: BlockedMatrix,
-        gradient: Tensor,
-        layer: Layer,
-        derivative: Derivative,
-        weight: Tensor,
-        product: Tensor,
-        of_before: Tensor,
-        before: Layer,
-    ) -> Derivative:
-        pair = kernels.derive_multiply_gather, kernels.gather_sums_blocks
-        return self._backward(pair, matrix, gradient, layer, derivative, weight, product, of_before, before)
+    def backward_gathering(self, step: Backward) -> Derivative:
+        """Go back through a layer that gathers first, and return the derivative of the layer before."""
+        return self._backward(step, kernels.derive_multiply_gather, kernels.gather_sums_blocks)
 
-    def _forward(
-        self,
-        pair: tuple[Callable[..., Any], Callable[..., Any]],
-        matrix: BlockedMatrix,
-        before: Layer,
-        weight: Tensor,
-        activated: Tensor,
-        between: Tensor,
-        mixed: Tensor,
-    ) -> tuple[Tensor, Tensor]:
-        mixed_before, normalised = before
-        packed = self._pack(weight)
-        places = activated.data_ptr(), packed.multiply_at, packed.address, between.data_ptr(), mixed.data_ptr()
-        arguments = mixed_before.data_ptr(), *normalised.addresses, *places, *self._sums_at, *weight.shape
-        self._in_blocks(pair, matrix, *arguments)
-        return self._joined_moments(weight.shape[1])
+    def _forward(self, step: Forward, sweep: Callable[..., Any], rest: Callable[..., Any]) -> tuple[Tensor, Tensor]:
+        mixed_before, normalised = step.before
+        packed = self._pack(step.weight)
+        places = packed.multiply_at, packed.address, step.between.data_ptr(), step.mixed.data_ptr()
+        given = mixed_before.data_ptr(), *normalised.addresses, step.activated.data_ptr()
+        self._in_blocks((sweep, rest), step.matrix, *given, *places, *self._sums_at, *step.weight.shape)
+        return self._joined_moments(step.weight.shape[1])
 
-    def _backward(
-        self,
-        pair: tuple[Callable[..., Any], Callable[..., Any]],
-        matrix: BlockedMatrix,
-        gradient: Tensor,
-        layer: Layer,
-        derivative: Derivative,
-        weight: Tensor,
-        between: Tensor,
-        of_before: Tensor,
-        before: Layer,
-    ) -> Derivative:
-        mixed, normalised = layer
-        mixed_before, normalised_before = before
-        packed = self._pack(weight, transposed=True)
-        slopes = derivative.slope.data_ptr(), derivative.constant.data_ptr()
-        places = packed.multiply_at, packed.address, between.data_ptr(), of_before.data_ptr(), mixed_before.data_ptr()
-        own = gradient.data_ptr(), mixed.data_ptr(), *normalised.addresses, *slopes
-        self._in_blocks(pair, matrix, *own, *places, *normalised_before.addresses, *self._sums_at, *weight.shape)
+    def _backward(self, step: Backward, sweep: Callable[..., Any], rest: Callable[..., Any]) -> Derivative:
+        mixed, normalised = step.layer
+        mixed_before, normalised_before = step.before
+        packed = self._pack(step.weight, transposed=True)
+        slopes = step.derivative.slope.data_ptr(), step.derivative.constant.data_ptr()
+        given = step.gradient.data_ptr(), mixed.data_ptr(), *normalised.addresses, *slopes
+        places = packed.multiply_at, packed.address, step.between.data_ptr(), step.of_before.data_ptr()
+        before = mixed_before.data_ptr(), *normalised_before.addresses
+        self._in_blocks((sweep, rest), step.matrix, *given, *places, *before, *self._sums_at, *step.weight.shape)
         return self._joined_sums(normalised_before)
 
-    def _in_blocks(
-        self, pair: tuple[Callable[..., Any], Callable[..., Any]], matrix: BlockedMatrix, *arguments: int
-    ) -> None:
+    def _in_blocks(self, pair: tuple[Callable[..., Any], Callable[..., Any]], matrix: BlockedMatrix, *arguments: int) -> None:
         first, second = pair
         sweep = matrix.sweep(torch.get_num_threads())
         plan = [part.ctypes.data for part in (sweep.bounds, sweep.queue_starts, sweep.queue, sweep.highest)]

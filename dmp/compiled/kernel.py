@@ -23,8 +23,8 @@ def kernel(function: Callable[..., None]) -> Any:
     What was compiled is kept in the user's cache, or in the folder that NUMBA_CACHE_DIR names. Where it can neither be read nor
     written, the function is compiled in memory.
     """
-    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
-    numba.config.CACHE_DIR = str(_FOLDER)  # type: ignore[attr-defined]
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_FOLDER)
     try:
         return cfunc(_SIGNATURE, cache=True, **_OPTIONS)(function)
     except Exception:
@@ -34,7 +34,7 @@ def kernel(function: Callable[..., None]) -> Any:
                 path.unlink()
         return cfunc(_SIGNATURE, **_OPTIONS)(function)
     finally:
-        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+        numba.config.CACHE_DIR = before
 
 
 def _folder() -> Path:

@@ -1,7 +1,7 @@
-"""Weights in the order in which MKL's products read them, so that products of a few rows are as fast as those of all.
+"""Weights in the order in which MKL reads them, so that products of a few rows are as fast as those of all.
 
-torch brings Intel's MKL along and makes its functions visible. With them a kernel can multiply rows that it has just made, while
-they are in the cache. Where there is no MKL (other processors), products are left to torch.
+torch brings Intel's MKL along and makes its functions visible. With them a kernel can multiply rows that it has just made,
+while they are in the cache. Where there is no MKL (other processors), products are left to torch.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _ROW_MAJOR, _PLAIN, _TRANSPOSED, _RIGHT_FACTOR = 101, 111, 112, 162
 
 
 def _find() -> tuple[Callable[..., Any], Callable[..., Any], int] | None:
-    """Return MKL's functions that say how much room packed weights take, that pack, and the address of the one that multiplies."""
+    """Return MKL's functions for the room of packed weights and for packing, and the address of the one that multiplies."""
     for path in (Path(torch.__file__).parent / "lib").glob("*torch_cpu*"):
         try:
             library = ctypes.CDLL(str(path))

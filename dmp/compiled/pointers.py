@@ -85,5 +85,3 @@ def take_next(typing_context, counter):
         return builder.atomic_rmw("add", arguments[0], one, "monotonic")
 
     return types.int64(types.CPointer(types.int64)), generate
-
-

@@ -14,7 +14,6 @@ from dmp.compiled.kernel import kernel
 from dmp.compiled.pointers import doubles, floats, halves, numbers, row_function, take_next
 from dmp.compiled.stack_rows import EPSILON, ROWS, activate_rows, derive_rows, gather_rows, moments_rows, sums_rows
 
-
 # -- one part after the other -------------------------------------------------------------------------------------
 
 
@@ -253,7 +252,7 @@ def derive_gather(job):
 
 @kernel
 def join_moments(job):
-    """Means, squares, space (2, C) float64, mean, over_deviation, V, C: write the moments of all rows from those of the blocks."""
+    """Means, squares, space (2, C) float64, mean, over_deviation, V, C: write the moments of all rows."""
     means, squares, n_vertices, channels = floats(job[3]), floats(job[4]), job[8], job[9]
     joined, spread, mean, over_deviation = doubles(job[5]), doubles(job[5] + 8 * channels), floats(job[6]), floats(job[7])
     while True:
@@ -281,7 +280,7 @@ def join_moments(job):
 
 @kernel
 def join_sums(job):
-    """Plain, weighted, space (2, C), over_deviation, scale, of gamma, of beta, slope, constant, V, C: add up those of the blocks.
+    """Plain, weighted, space, over_deviation, scale, of gamma, of beta, slope, constant, V, C: add up the sums of the blocks.
 
     From the sums come the gradients of gamma and beta, and the numbers with which the gradient of z is
     scale g + slope (z - mean) + constant for that of u, g (Ioffe & Szegedy 2015, section 3).

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import torch
 from numpy.typing import NDArray
@@ -13,51 +12,11 @@ from torch import Tensor
 from dmp.compiled import stack_kernels as kernels
 from dmp.compiled.blocked_matrix import BlockedMatrix
 from dmp.compiled.launching import launch
+from dmp.compiled.layer_steps import Backward, Derivative, Forward, Layer, Normalised
 from dmp.compiled.stack_rows import ROWS
 
 # Parts for each thread, so that one that is held up holds up little.
 _PARTS = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Normalised:
-    """How a layer is normalised: u = (z - mean) scale + beta; all (C,) float32.
-
-    Attributes:
-        mean: of z.
-        over_deviation: 1 / deviation of z.
-        scale: gamma / deviation.
-        beta: what is added at the end.
-    """
-
-    mean: Tensor
-    over_deviation: Tensor
-    scale: Tensor
-    beta: Tensor
-
-    @classmethod
-    def by(cls, mean: Tensor, over_deviation: Tensor, gamma: Tensor, beta: Tensor) -> Normalised:
-        """Put the weights gamma and beta together with moments."""
-        return cls(mean, over_deviation, gamma.detach() * over_deviation, beta.detach())
-
-    @property
-    def addresses(self) -> tuple[int, int, int]:
-        """Addresses of mean, scale and beta."""
-        return self.mean.data_ptr(), self.scale.data_ptr(), self.beta.data_ptr()
-
-
-# z of a layer, (V, C), and how it is normalised.
-Layer: TypeAlias = tuple[Tensor, Normalised]
-
-
-@dataclass(frozen=True, eq=False)
-class Derivative:
-    """What a layer's sums over vertices give: gradients, and numbers for the gradient of z; all (C,) float32."""
-
-    of_gamma: Tensor
-    of_beta: Tensor
-    slope: Tensor
-    constant: Tensor
 
 
 class StackPasses:
@@ -103,7 +62,7 @@ class StackPasses:
         self, matrix: BlockedMatrix, mixed: Tensor, normalised: Normalised, activated: Tensor, out: Tensor
     ) -> None:
         """Write y to ``activated`` for z, and P y to ``out``."""
-        self._sweep(kernels.activate_gather, matrix, (mixed, activated, out), *normalised.addresses)
+        self._sweep(kernels.activate_gather, matrix, (mixed, activated, out), activated, *normalised.addresses)
 
     def sums(self, gradient: Tensor, mixed: Tensor, normalised: Normalised) -> Derivative:
         """Return what the sums over vertices give, for the gradient of y."""
@@ -123,99 +82,37 @@ class StackPasses:
         slopes = derivative.slope.data_ptr(), derivative.constant.data_ptr()
         self._run(kernels.derive, (gradient, mixed), *normalised.addresses, *slopes, *mixed.shape)
 
-    def derive_gather(
-        self,
-        matrix: BlockedMatrix,
-        gradient: Tensor,
-        mixed: Tensor,
-        normalised: Normalised,
-        derivative: Derivative,
-        out: Tensor,
-    ) -> None:
+    def derive_gather(self, matrix: BlockedMatrix, gradient: Tensor, layer: Layer, derivative: Derivative, out: Tensor) -> None:
         """Write the gradient of z over that of y, and P times it to ``out``."""
+        mixed, normalised = layer
         slopes = derivative.slope.data_ptr(), derivative.constant.data_ptr()
-        self._sweep(kernels.derive_gather, matrix, (gradient, mixed, out), *normalised.addresses, *slopes)
+        self._sweep(kernels.derive_gather, matrix, (gradient, mixed, out), gradient, *normalised.addresses, *slopes)
 
-    # -- whole layers: what a layer does between the z before it and its own z ---------------------------------------
+    # -- whole layers ---------------------------------------------------------------------------------------------
 
-    def forward_multiplying(
-        self, matrix: BlockedMatrix, before: Layer, weight: Tensor, activated: Tensor, product: Tensor, mixed: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Go through a layer that multiplies first, and return the moments of its z.
+    def forward_multiplying(self, step: Forward) -> tuple[Tensor, Tensor]:
+        """Go through a layer that multiplies by its weights first, and return the moments of its z."""
+        self.activate(*step.before, step.activated)
+        torch.mm(step.activated, step.weight, out=step.between)
+        return self.gather_moments(step.matrix, step.between, step.mixed)
 
-        Args:
-            matrix: P.
-            before: the layer before.
-            weight: W, (in, out).
-            activated: place for y before, (V, in).
-            product: place for y W, (V, out).
-            mixed: place for z = P y W, (V, out).
-        """
-        self.activate(*before, activated)
-        torch.mm(activated, weight, out=product)
-        return self.gather_moments(matrix, product, mixed)
+    def forward_gathering(self, step: Forward) -> tuple[Tensor, Tensor]:
+        """Go through a layer that gathers first, and return the moments of its z."""
+        self.activate_gather(step.matrix, *step.before, step.activated, step.between)
+        torch.mm(step.between, step.weight, out=step.mixed)
+        return self.moments(step.mixed)
 
-    def forward_gathering(
-        self, matrix: BlockedMatrix, before: Layer, weight: Tensor, activated: Tensor, gathered: Tensor, mixed: Tensor
-    ) -> tuple[Tensor, Tensor]:
-        """Go through a layer that gathers first, with a place for P y before in ``gathered``, (V, in); see above."""
-        self.activate_gather(matrix, *before, activated, gathered)
-        torch.mm(gathered, weight, out=mixed)
-        return self.moments(mixed)
+    def backward_multiplying(self, step: Backward) -> Derivative:
+        """Go back through a layer that multiplies first, and return the derivative of the layer before."""
+        self.derive_gather(step.matrix, step.gradient, step.layer, step.derivative, step.between)
+        torch.mm(step.between, step.weight.T, out=step.of_before)
+        return self.sums(step.of_before, *step.before)
 
-    def backward_multiplying(
-        self,
-        matrix: BlockedMatrix,
-        gradient: Tensor,
-        layer: Layer,
-        derivative: Derivative,
-        weight: Tensor,
-        spread: Tensor,
-        of_before: Tensor,
-        before: Layer,
-    ) -> Derivative:
-        """Go back through a layer that multiplies first, and return the derivative of the layer before.
-
-        Args:
-            matrix: P.
-            gradient: that of y, (V, out); is written over.
-            layer: the layer.
-            derivative: of the layer.
-            weight: W, (in, out).
-            spread: place for P times the gradient of z, (V, out).
-            of_before: place for the gradient of the y before, (V, in).
-            before: the layer before.
-        """
-        self.derive_gather(matrix, gradient, *layer, derivative, spread)
-        torch.mm(spread, weight.T, out=of_before)
-        return self.sums(of_before, *before)
-
-    def backward_gathering(
-        self,
-        matrix: BlockedMatrix,
-        gradient: Tensor,
-        layer: Layer,
-        derivative: Derivative,
-        weight: Tensor,
-        product: Tensor,
-        of_before: Tensor,
-        before: Layer,
-    ) -> Derivative:
-        """Go back through a layer that gathers first; see above.
-
-        Args:
-            matrix: P.
-            gradient: that of y, (V, out); that of z is written over it.
-            layer: the layer.
-            derivative: of the layer.
-            weight: W, (in, out).
-            product: place for the gradient of z times the transposed weights, (V, in).
-            of_before: place for the gradient of the y before, (V, in).
-            before: the layer before.
-        """
-        self.derive(gradient, *layer, derivative)
-        torch.mm(gradient, weight.T, out=product)
-        return self.gather_sums(matrix, product, of_before, *before)
+    def backward_gathering(self, step: Backward) -> Derivative:
+        """Go back through a layer that gathers first, and return the derivative of the layer before."""
+        self.derive(step.gradient, *step.layer, step.derivative)
+        torch.mm(step.gradient, step.weight.T, out=step.between)
+        return self.gather_sums(step.matrix, step.between, step.of_before, *step.before)
 
     @property
     def _sums_at(self) -> tuple[int, int]:
@@ -226,15 +123,14 @@ class StackPasses:
         launch(kernel, (_is_half(rows[0]), *addresses, *arguments), self._parts(self._n_blocks))
 
     def _sweep(
-        self, kernel: Callable[..., Any], matrix: BlockedMatrix, rows: tuple[Tensor, Tensor, Tensor], *arguments: int
+        self, kernel: Callable[..., Any], matrix: BlockedMatrix, rows: tuple[Tensor, ...], written: Tensor, *arguments: int
     ) -> None:
+        """Run a kernel that writes to ``written``, and then P times that to the last of ``rows`` where it can."""
         sweep = matrix.sweep(torch.get_num_threads())
         plan = (part.ctypes.data for part in (sweep.bounds, sweep.queue_starts, sweep.queue, sweep.highest))
         addresses = (tensor.data_ptr() for tensor in rows)
         channels = rows[0].shape[1]
         launch(kernel, (_is_half(rows[0]), *addresses, *matrix.addresses, *plan, *arguments, channels), sweep.n_parts)
-        # The kernel writes y over z or beside it: what the product is taken of is where the kernel has written.
-        written = rows[1] if kernel is kernels.activate_gather else rows[0]
         self.gather_rows(matrix, written, rows[2], sweep.others)
 
     def _joined_moments(self, channels: int) -> tuple[Tensor, Tensor]:

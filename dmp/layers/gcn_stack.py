@@ -6,9 +6,9 @@ batch normalisation takes off again. Here each layer is
 
     z = P x W,    u = gamma (z - mean) / deviation + beta,    y = LeakyReLU(u),
 
-with the sparse product P taken on the narrower side, and all that is no matrix product done by compiled kernels in as few passes
-as there can be: y is made where the next layer needs it, and sums over the vertices are taken of what has just been written.
-The bias of a convolution in front of a batch normalisation changes nothing, so it is left out, and its gradient is exactly 0.
+with the sparse product P taken on the narrower side, and all that is no matrix product done by compiled kernels in few passes:
+y is made where the next layer needs it, and sums over the vertices are taken of what has just been written. The bias of a
+convolution in front of a batch normalisation changes nothing, so it is left out, and its gradient is exactly 0.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 from dmp.compiled.blocked_matrix import BlockedMatrix
-from dmp.compiled.stack_passes import Derivative, Normalised
+from dmp.compiled.layer_steps import Backward, Derivative, Forward, Normalised
 from dmp.layers.stack_buffers import StackBuffers
 
 # Mean and 1 / deviation of each channel over the vertices, (C,) both.
@@ -72,7 +72,8 @@ class _GcnStack(torch.autograd.Function):
         ctx.features = features.to(buffers.dtype)
         ctx.matrix = matrix = buffers.blocked(propagation)
         passes = buffers.passes
-        ctx.normalised = normalised = []
+        normalised: list[Normalised] = []
+        ctx.normalised = normalised
         for layer, (weight, _, gamma, beta) in enumerate(_by_layer(parameters)):
             rounded = weight.to(buffers.dtype)
             mixed, gathered = buffers.mixed[layer], buffers.gathered[layer]
@@ -80,10 +81,11 @@ class _GcnStack(torch.autograd.Function):
                 found = _first_forward(ctx.features, rounded, buffers, matrix)
             elif gathered is not None:
                 before, activated = (buffers.mixed[layer - 1], normalised[-1]), buffers.scratch(0, weight.shape[0])
-                found = passes.forward_gathering(matrix, before, rounded, activated, gathered, mixed)
+                found = passes.forward_gathering(Forward(matrix, before, rounded, activated, gathered, mixed))
             else:
                 before, product = (buffers.mixed[layer - 1], normalised[-1]), buffers.scratch(0, weight.shape[1])
-                found = passes.forward_multiplying(matrix, before, rounded, buffers.output(layer - 1), product, mixed)
+                output = buffers.output(layer - 1)
+                found = passes.forward_multiplying(Forward(matrix, before, rounded, output, product, mixed))
             normalised.append(Normalised.by(*(found if moments is None else moments[layer]), gamma, beta))
         # Fresh memory, because the buffers are written again in the next step.
         output = torch.empty_like(mixed)
@@ -109,20 +111,18 @@ class _GcnStack(torch.autograd.Function):
             found[:0] = [None, torch.zeros_like(bias), derivative.of_gamma, derivative.of_beta]
             place = 2 - place
             of_before = buffers.scratch(place, weight.shape[0])
+            between = buffers.scratch(1, weight.shape[1 if gathered is None else 0])
+            step = Backward(matrix, current, own, derivative, rounded, between, of_before, before)
             if gathered is not None:
-                product = buffers.scratch(1, weight.shape[0])
-                given = matrix, current, own, derivative, rounded, product, of_before, before
-                derivative = passes.backward_gathering(*given)
+                derivative = passes.backward_gathering(step)
                 found[0] = torch.mm(gathered.T, current).to(weight.dtype)
             else:
-                spread = buffers.scratch(1, weight.shape[1])
-                given = matrix, current, own, derivative, rounded, spread, of_before, before
-                derivative = passes.backward_multiplying(*given)
+                derivative = passes.backward_multiplying(step)
                 output = buffers.output(layer - 1)
                 if not buffers.keep_outputs:
                     # By the very operation of the forward pass, so that not a digit differs.
                     passes.activate(*before, output)
-                found[0] = torch.mm(output.T, spread).to(weight.dtype)
+                found[0] = torch.mm(output.T, between).to(weight.dtype)
             current = of_before
         of_features, of_weight = _first_backward(ctx, current, derivative, buffers.scratch(1, layers[0][0].shape[1]))
         first = [of_weight, torch.zeros_like(layers[0][1]), derivative.of_gamma, derivative.of_beta]
@@ -147,7 +147,7 @@ def _first_backward(ctx: Any, gradient: Tensor, derivative: Derivative, spread: 
     weight: Tensor = ctx.parameters[0]
     passes, gathered = buffers.passes, buffers.gathered[0]
     if gathered is None:
-        passes.derive_gather(ctx.matrix, gradient, buffers.mixed[0], ctx.normalised[0], derivative, spread)
+        passes.derive_gather(ctx.matrix, gradient, (buffers.mixed[0], ctx.normalised[0]), derivative, spread)
         of_weight = torch.mm(ctx.features.T, spread)
     else:
         passes.derive(gradient, buffers.mixed[0], ctx.normalised[0], derivative)

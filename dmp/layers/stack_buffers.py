@@ -97,4 +97,3 @@ class StackBuffers:
     def _passes_for(self, n_vertices: int) -> StackPasses:
         fused = self.dtype == torch.float32 and can_pack()
         return (FusedPasses if fused else StackPasses)(n_vertices, self._widest)
-

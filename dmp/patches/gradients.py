@@ -36,7 +36,7 @@ class _Piece:
 
 
 class PatchedNetwork:
-    """A displacement network on one mesh that is too large for :class:`dmp.layers.stack_buffers.StackBuffers` of all vertices."""
+    """A network on a mesh that is too large for :class:`dmp.layers.stack_buffers.StackBuffers` of all vertices."""
 
     def __init__(
         self,
@@ -44,26 +44,29 @@ class PatchedNetwork:
         propagation: Tensor,
         positions: FloatArray,
         patch_vertices: int,
+        *,
+        dtype: torch.dtype = torch.float32,
     ) -> None:
         """Divide the mesh and make the memory that all steps share.
 
         Args:
             network: of graph convolutions alone, without skip connections.
-            propagation: P, (V, V) CSR, of the type in which numbers between the layers are kept.
+            propagation: P, (V, V) CSR.
             positions: by which the mesh is divided, (V, 3).
             patch_vertices: most vertices of a patch without its halo.
+            dtype: in which numbers between the layers are kept: float32 or bfloat16.
         """
         self._network = network
-        self._whole = WholePass(propagation, network.sizes[0], network.sizes[1:])
+        self._whole = WholePass(propagation, network.sizes[0], network.sizes[1:], dtype)
         matrix = _to_scipy(propagation)
         patches = partition(positions, matrix, patch_vertices, len(network.convolutions))
         largest = max(len(patch.vertices) for patch in patches)
-        buffers = network.buffers_for(largest, dtype=propagation.dtype, keep_outputs=False)
+        buffers = network.buffers_for(largest, dtype=dtype, keep_outputs=False)
         self._pieces = [
             _Piece(
                 vertices=torch.from_numpy(patch.vertices),
                 core=torch.from_numpy(patch.core)[:, None],
-                propagation=to_torch(matrix[patch.vertices][:, patch.vertices]).to(propagation.dtype),
+                propagation=to_torch(matrix[patch.vertices][:, patch.vertices]),
                 buffers=buffers.first(len(patch.vertices)),
             )
             for patch in patches

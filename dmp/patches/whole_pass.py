@@ -9,8 +9,9 @@ import torch
 from torch import Tensor
 
 from dmp.compiled.blocked_matrix import BlockedMatrix
+from dmp.compiled.layer_steps import Normalised
+from dmp.compiled.stack_passes import StackPasses
 from dmp.compiled.stack_rows import ROWS
-from dmp.compiled.stack_passes import Normalised, StackPasses
 from dmp.layers.gcn_stack import Moments
 
 # Rows of the propagation that are gathered and multiplied at once: whole blocks of the kernels.
@@ -20,18 +21,21 @@ _ROWS = 512 * ROWS
 class WholePass:
     """Memory for :meth:`run` on one mesh, the same in each step."""
 
-    def __init__(self, propagation: Tensor, input_channels: int, widths: Sequence[int]) -> None:
+    def __init__(
+        self, propagation: Tensor, input_channels: int, widths: Sequence[int], dtype: torch.dtype = torch.float32
+    ) -> None:
         """Make the arrays.
 
         Args:
             propagation: P, (V, V) CSR.
             input_channels: channels of the features.
             widths: output channels of the layers.
+            dtype: in which numbers between the layers are kept: float32 or bfloat16.
         """
         self._n_vertices = propagation.shape[0]
         self._matrix = BlockedMatrix(propagation)
         self._passes = StackPasses(self._n_vertices, max(widths))
-        self._dtype = propagation.dtype
+        self._dtype = dtype
         self._places = [torch.empty(self._n_vertices * max(widths), dtype=self._dtype) for _ in range(2)]
         widest_input = max(input_channels, *widths[:-1]) if len(widths) > 1 else input_channels
         self._gathered = torch.empty(min(_ROWS, self._n_vertices) * widest_input, dtype=self._dtype)

@@ -108,7 +108,7 @@ def test_bfloat16_takes_the_same_way() -> None:
     graph, network = to_torch(normalised_with_loops(neighbours)), _network()
     features = torch.randn(mesh.n_vertices, 16, generator=torch.Generator().manual_seed(1))
     exact = _gradients(network, network(features, graph, network.buffers_for(mesh.n_vertices)))
-    patched = PatchedNetwork(network, graph.to(torch.bfloat16), mesh.vertices, 400)
+    patched = PatchedNetwork(network, graph, mesh.vertices, 400, dtype=torch.bfloat16)
     assert torch.nn.functional.cosine_similarity(_gradients(network, patched(features)), exact, dim=0) > 0.95
 
 
