@@ -20,7 +20,6 @@ from dmp.memory_needs import LARGEST_PATCH, has_room_for_outputs, patch_vertices
 from dmp.mesh import FloatArray, IntArray
 from dmp.network import LAYOUTS, DisplacementNetwork
 from dmp.operators import to_torch
-from dmp.patches.gradients import PatchedNetwork
 from dmp.problem import Problem
 from dmp.renumbering import inverse_of, locality_order, renumbered
 from dmp.settings import Precision, Settings
@@ -29,6 +28,7 @@ from dmp.training import Training
 
 if TYPE_CHECKING:
     from dmp.layers.stack_buffers import StackBuffers
+    from dmp.patches.gradients import PatchedNetwork
 
 # From so many channels in the widest layer on, bfloat16 was measured to be faster where the processor has products for it.
 _WIDE = 512
@@ -123,6 +123,9 @@ class DeepMeshPrior(Training):
         if self._patch_vertices and isinstance(self._graph, Tensor):
             if self._patched is None:
                 base = self._base.numpy()
+                # Loads the compiled kernels, which a program that trains nothing can do without.
+                from dmp.patches.gradients import PatchedNetwork
+
                 self._patched = PatchedNetwork(
                     self._network, self._graph, base, self._patch_vertices, dtype=self._between_layers
                 )

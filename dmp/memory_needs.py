@@ -7,10 +7,9 @@ import math
 
 from dmp.devices import choose_device
 from dmp.errors import SettingsError
-from dmp.layers.stack_sizes import bytes_per_vertex
+from dmp.layers.stack_sizes import bytes_of_whole_pass, bytes_per_vertex
 from dmp.memory import free_memory, gigabytes, held_memory
 from dmp.network import LAYOUTS
-from dmp.patches.whole_pass import bytes_per_vertex as bytes_of_whole_pass
 from dmp.settings import Settings, settings_for
 
 # Bytes for each vertex beside the layers: mesh, base, sparse matrices, losses, what is shown; measured, see docs/benchmarks.md.

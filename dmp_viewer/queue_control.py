@@ -88,21 +88,32 @@ class QueueControl(ControlPart):
             return
         folder = controller.runs_folder
         loops = controller.hole_control.loops_to_fill() if settings.task == "complete" else None
+        # Asked now: the training may end before the folder is made.
+        is_during_another = controller.runner.state.is_active
         controller.background.submit(
             "Putting into the queue…",
             lambda: row_of(tasks.waiting_run(source, settings, folder, loops)),
-            lambda row: self.add_run(row, is_new=True),
+            lambda row: self.add_run(row, is_new=True, is_during_another=is_during_another),
             lambda error: controller.tell_error(error, "Putting into the queue"),
         )
 
-    def add_run(self, row: RunRow, *, is_new: bool = False) -> None:
-        """Let a run wait that has steps left."""
+    def add_run(self, row: RunRow, *, is_new: bool = False, is_during_another: bool = False) -> None:
+        """Let a run wait that has steps left.
+
+        Args:
+            row: the run.
+            is_new: whether it was made to wait.
+            is_during_another: whether a training went on when that was asked for.
+        """
         if not self._take():
             return
         added = self.queue.add(Waiting(row.folder, row.title, row.settings_text, is_new or row.state == "waiting"))
-        if added and self._controller.runner.state.is_active:
+        is_active = self._controller.runner.state.is_active
+        if added and (is_active or is_during_another):
             # Whoever adds to what is going on wants it to go on.
             self.queue.set_on(True)
+            if not is_active:
+                self._go_on()
         self._controller.window.show_runs()
         self._controller.runs.refresh()
 
@@ -221,9 +232,12 @@ class QueueControl(ControlPart):
                 self.queue.set_on(False)
             self._draw()
             return
+        if self.queue.is_on:
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Begin what is next, unless the last training ended in a way that a person should look at first."""
         run = self._workspace.run
-        if not self.queue.is_on:
-            return
         if self._was_stopped:
             self._hold("The training was stopped, so the queue waits.")
         elif isinstance(run, Run) and run.is_in_memory:

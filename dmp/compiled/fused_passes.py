@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import torch
 from torch import Tensor
 
 from dmp.compiled import fused_kernels as kernels
 from dmp.compiled.blocked_matrix import BlockedMatrix
+from dmp.compiled.kernel import Kernel
 from dmp.compiled.launching import launch
 from dmp.compiled.layer_steps import Backward, Derivative, Forward
 from dmp.compiled.packed_weights import PackedWeights
@@ -40,7 +38,7 @@ class FusedPasses(StackPasses):
         """Go back through a layer that gathers first, and return the derivative of the layer before."""
         return self._backward(step, kernels.derive_multiply_gather, kernels.gather_sums_blocks)
 
-    def _forward(self, step: Forward, sweep: Callable[..., Any], rest: Callable[..., Any]) -> tuple[Tensor, Tensor]:
+    def _forward(self, step: Forward, sweep: Kernel, rest: Kernel) -> tuple[Tensor, Tensor]:
         mixed_before, normalised = step.before
         packed = self._pack(step.weight)
         places = packed.multiply_at, packed.address, step.between.data_ptr(), step.mixed.data_ptr()
@@ -48,7 +46,7 @@ class FusedPasses(StackPasses):
         self._in_blocks((sweep, rest), step.matrix, *given, *places, *self._sums_at, *step.weight.shape)
         return self._joined_moments(step.weight.shape[1])
 
-    def _backward(self, step: Backward, sweep: Callable[..., Any], rest: Callable[..., Any]) -> Derivative:
+    def _backward(self, step: Backward, sweep: Kernel, rest: Kernel) -> Derivative:
         mixed, normalised = step.layer
         mixed_before, normalised_before = step.before
         packed = self._pack(step.weight, transposed=True)
@@ -59,7 +57,7 @@ class FusedPasses(StackPasses):
         self._in_blocks((sweep, rest), step.matrix, *given, *places, *before, *self._sums_at, *step.weight.shape)
         return self._joined_sums(normalised_before)
 
-    def _in_blocks(self, pair: tuple[Callable[..., Any], Callable[..., Any]], matrix: BlockedMatrix, *arguments: int) -> None:
+    def _in_blocks(self, pair: tuple[Kernel, Kernel], matrix: BlockedMatrix, *arguments: int) -> None:
         first, second = pair
         sweep = matrix.sweep(torch.get_num_threads())
         plan = [part.ctypes.data for part in (sweep.bounds, sweep.queue_starts, sweep.queue, sweep.highest)]

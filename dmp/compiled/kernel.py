@@ -1,4 +1,4 @@
-"""Compiling a function into a kernel, once for each version of the program and each processor."""
+"""Compiling functions into kernels, once for each version of the program and each processor."""
 
 from __future__ import annotations
 
@@ -7,32 +7,73 @@ import os
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
 import platformdirs
+import torch
 from numba import cfunc, types
 
+from dmp.compiled.pointers import halves
+
 _OPTIONS: dict[str, Any] = {"fastmath": {"contract", "nsz"}, "error_model": "numpy"}
-_SIGNATURE = types.void(types.CPointer(types.int64))
+# In the function's module, what makes pointers to rows of activations of their addresses.
+_ROWS = "rows"
 
 
-def kernel(function: Callable[..., None]) -> Any:
-    """Compile ``function``, which takes a pointer to int64; see :func:`dmp.compiled.launching.launch`.
+class Kernel:
+    """A function of a pointer to int64, compiled when it is first wanted; see :func:`dmp.compiled.launching.launch`."""
 
-    What was compiled is kept in the user's cache, or in the folder that NUMBA_CACHE_DIR names. Where it can neither be read nor
-    written, the function is compiled in memory.
+    def __init__(self, function: FunctionType) -> None:
+        self._function = function
+        self._compiled: Any = None
+        self._for_halves: Kernel | None = None
+
+    @property
+    def address(self) -> int:
+        """Where the compiled function begins."""
+        if self._compiled is None:
+            self._compiled = _compiled(self._function)
+        address: int = self._compiled.address
+        return address
+
+    def of(self, dtype: torch.dtype) -> Kernel:
+        """Return the kernel for rows of float32 or bfloat16."""
+        if dtype != torch.bfloat16:
+            return self
+        if self._for_halves is None:
+            function = self._function
+            name = f"{function.__name__}_halves"
+            copy = FunctionType(function.__code__, {**function.__globals__, _ROWS: halves}, name)
+            # Kept under another name than the one for float32, whose source it shares.
+            copy.__qualname__, copy.__module__ = name, function.__module__
+            self._for_halves = Kernel(copy)
+        return self._for_halves
+
+
+def kernel(function: Callable[..., None]) -> Kernel:
+    """Make a kernel of ``function``."""
+    assert isinstance(function, FunctionType)
+    return Kernel(function)
+
+
+def _compiled(function: FunctionType) -> Any:
+    """Compile, or take what was compiled before from the user's cache or from the folder that NUMBA_CACHE_DIR names.
+
+    Where that can neither be read nor written, the function is compiled in memory.
     """
+    signature = types.void(types.CPointer(types.int64))  # type: ignore[no-untyped-call]
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(_FOLDER)
     try:
-        return cfunc(_SIGNATURE, cache=True, **_OPTIONS)(function)
+        return cfunc(signature, cache=True, **_OPTIONS)(function)
     except Exception:
         # Whatever is wrong with the folder or a file in it (nobody else writes there) must not keep anybody from training.
         with suppress(OSError):
-            for path in _FOLDER.rglob(f"*{function.__name__}*"):
+            for path in _FOLDER.rglob(f"*.{function.__name__}-*"):
                 path.unlink()
-        return cfunc(_SIGNATURE, **_OPTIONS)(function)
+        return cfunc(signature, **_OPTIONS)(function)
     finally:
         numba.config.CACHE_DIR = before
 

@@ -95,8 +95,8 @@ def square_root(typing_context, value):
     """Return the square roots."""
 
     def generate(context, builder, signature, arguments):
-        kind = ir.FunctionType(_FOUR, [_FOUR])
-        function = builder.module.declare_intrinsic("llvm.sqrt", [_FOUR], kind)
+        name, module = "llvm.sqrt.v4f32", builder.module
+        function = module.globals.get(name) or ir.Function(module, ir.FunctionType(_FOUR, [_FOUR]), name)
         return builder.call(function, arguments)
 
     return FOUR(FOUR), generate
@@ -185,3 +185,85 @@ def number_at(typing_context, value, place):
         return builder.extract_element(arguments[0], builder.trunc(arguments[1], _WORD))
 
     return types.float32(FOUR, types.int64), generate
+
+
+_WORDS = ir.VectorType(_WORD, LANES)
+
+
+@intrinsic
+def _times_power(typing_context, value, shifted):
+    """Return ``value`` times 2^n for the whole number n that was added to 1.5 * 2^23, with the sum in ``shifted``."""
+
+    def generate(context, builder, signature, arguments):
+        value, shifted = (builder.bitcast(argument, _WORDS) for argument in arguments)
+        power = builder.shl(shifted, ir.Constant(_WORDS, [23] * LANES))
+        return builder.bitcast(builder.add(value, power), _FOUR)
+
+    return FOUR(FOUR, FOUR), generate
+
+
+@intrinsic
+def _exponent(typing_context, value):
+    """Return the whole numbers n for which positive numbers are 2^n m, m between the roots of 1/2 and 2."""
+
+    def generate(context, builder, signature, arguments):
+        words = builder.bitcast(arguments[0], _WORDS)
+        over = builder.sub(words, ir.Constant(_WORDS, [0x3F3504F3] * LANES))
+        return builder.sitofp(builder.ashr(over, ir.Constant(_WORDS, [23] * LANES)), _FOUR)
+
+    return FOUR(FOUR), generate
+
+
+@row_function
+def exponential(x):
+    """Return e^x, to two units in the last place; x is taken to lie between -87 and 88."""
+    x = larger(x, all4(np.float32(-87)))
+    x = all4(np.float32(0)) - larger(all4(np.float32(0)) - x, all4(np.float32(-88)))
+    shift = all4(np.float32(12582912.0))
+    shifted = x * all4(np.float32(1.44269504)) + shift
+    n = shifted - shift
+    # The logarithm of 2 in two parts (Cody & Waite), the rest by its series.
+    x = (x - n * all4(np.float32(0.693359375))) + n * all4(np.float32(2.12194440e-4))
+    p = all4(np.float32(1.9875691500e-4)) * x + all4(np.float32(1.3981999507e-3))
+    p = p * x + all4(np.float32(8.3334519073e-3))
+    p = p * x + all4(np.float32(4.1665795894e-2))
+    p = p * x + all4(np.float32(1.6666665459e-1))
+    p = p * x + all4(np.float32(5.0000001201e-1))
+    return _times_power(p * (x * x) + x + all4(np.float32(1)), shifted)
+
+
+@row_function
+def logarithm(x):
+    """Return the natural logarithm of positive numbers, to two units in the last place (coefficients: Cephes, logf)."""
+    n = _exponent(x)
+    shift = all4(np.float32(12582912.0))
+    y = _times_power(x, shift - n) - all4(np.float32(1))
+    p = all4(np.float32(7.0376836292e-2)) * y - all4(np.float32(1.1514610310e-1))
+    p = p * y + all4(np.float32(1.1676998740e-1))
+    p = p * y - all4(np.float32(1.2420140846e-1))
+    p = p * y + all4(np.float32(1.4249322787e-1))
+    p = p * y - all4(np.float32(1.6668057665e-1))
+    p = p * y + all4(np.float32(2.0000714765e-1))
+    p = p * y - all4(np.float32(2.4999993993e-1))
+    p = p * y + all4(np.float32(3.3333331174e-1))
+    square = y * y
+    small = p * (y * square) - n * all4(np.float32(2.12194440e-4)) - all4(np.float32(0.5)) * square
+    return (y + small) + n * all4(np.float32(0.693359375))
+
+
+@row_function
+def logistic(x):
+    """Return 1 / (1 + e^-x)."""
+    return all4(np.float32(1)) / (all4(np.float32(1)) + exponential(all4(np.float32(0)) - x))
+
+
+@row_function
+def softplus(x):
+    """Return log(1 + e^x)."""
+    one, zero = all4(np.float32(1)), all4(np.float32(0))
+    # Of the larger of the two powers the logarithm is known.
+    power = exponential(zero - larger(x, zero - x))
+    above = (one + power) - one
+    # What rounding takes from 1 + e^x is given back (Kahan).
+    small = where_larger(above, zero, logarithm(one + above) * (power / larger(above, all4(np.float32(1e-30)))), power)
+    return larger(x, zero) + small

@@ -5,28 +5,27 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 
+from dmp.compiled.kernel import Kernel
 
-def launch(kernel: Callable[..., Any], arguments: Sequence[int], parts: int) -> None:
+
+def launch(kernel: Kernel, arguments: Sequence[int], parts: int) -> None:
     """Run ``kernel``, which takes one part of the work after the other until none is left, on the threads of torch.
 
     Args:
-        kernel: compiled by :func:`numba.cfunc`; it gets a pointer to int64: number of the next part, number of parts,
-            ``arguments``.
+        kernel: gets a pointer to int64: number of the next part, number of parts, ``arguments``.
         arguments: sizes and addresses; what lies there must stay where it is until this returns.
         parts: number of parts.
     """
     job = np.array((0, parts, *arguments), dtype=np.int64)
     threads = min(torch.get_num_threads(), parts)
-    address: int = kernel.address  # type: ignore[attr-defined]
     if threads > 1 and _in_parallel is not None:
-        _in_parallel(address, job.ctypes.data, threads, 0)
+        _in_parallel(kernel.address, job.ctypes.data, threads, 0)
     else:
-        _CALL(address)(job.ctypes.data)
+        _CALL(kernel.address)(job.ctypes.data)
 
 
 _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)

@@ -21,7 +21,8 @@ from dmp.compiled.lanes import (
 from dmp.compiled.phases import next_part, part_is_done, share
 from dmp.compiled.pointers import floats, numbers, row_function
 
-# Of the sum of the weights, and least of all.
+# Where the normals around a face point every way, their sum says little; it is divided by at least the first part of the sum of the
+# weights, so that neither it nor its gradient grows without bound; and by the second at least.
 LEAST_AGREEMENT, EPSILON = 0.1, 1e-8
 
 _LEAST_AGREEMENT, _EPSILON = np.float32(LEAST_AGREEMENT), np.float32(EPSILON)

@@ -1,7 +1,7 @@
 """Kernels of a graph convolution with batch normalisation and LeakyReLU, each as few passes over memory as the order allows.
 
-Every kernel takes a pointer to int64: the number of the next part, the number of parts, whether the rows are bfloat16 (1) or
-float32 (0), then what its name says. Everything that is not a row of an array is float32 or int32.
+Every kernel takes a pointer to int64: the number of the next part, the number of parts, then what its name says. Rows of arrays
+are float32 or bfloat16, see :meth:`dmp.compiled.kernel.Kernel.of`; everything else is float32 or int32.
 """
 
 # Numba has no types for mypy, and its compiler reads signatures from values.
@@ -11,10 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from dmp.compiled.kernel import kernel
-from dmp.compiled.pointers import doubles, floats, halves, numbers, row_function, take_next
+from dmp.compiled.pointers import doubles, floats, numbers, row_function, take_next
+from dmp.compiled.pointers import floats as rows
 from dmp.compiled.stack_rows import EPSILON, ROWS, activate_rows, derive_rows, gather_rows, moments_rows, sums_rows
-
-# -- one part after the other -------------------------------------------------------------------------------------
 
 
 @row_function
@@ -24,9 +23,11 @@ def _rows_of_part(job, part, n_vertices):
     return part * blocks // job[1] * ROWS, min(n_vertices, (part + 1) * blocks // job[1] * ROWS)
 
 
-@row_function
-def _run_activate(job, z, y):
-    mean, scale, beta, n_vertices, channels = floats(job[5]), floats(job[6]), floats(job[7]), job[8], job[9]
+@kernel
+def activate(job):
+    """z, y, mean, scale, beta, V, C: write y for z."""
+    z, y = rows(job[2]), rows(job[3])
+    mean, scale, beta, n_vertices, channels = floats(job[4]), floats(job[5]), floats(job[6]), job[7], job[8]
     while True:
         part = take_next(job)
         if part >= job[1]:
@@ -35,10 +36,12 @@ def _run_activate(job, z, y):
         activate_rows(z, y, mean, scale, beta, first, last, channels)
 
 
-@row_function
-def _run_derive(job, g, z):
-    mean, scale, beta, slope, constant = floats(job[5]), floats(job[6]), floats(job[7]), floats(job[8]), floats(job[9])
-    n_vertices, channels = job[10], job[11]
+@kernel
+def derive(job):
+    """g, z, mean, scale, beta, slope, constant, V, C: write the gradient of z over that of y."""
+    g, z = rows(job[2]), rows(job[3])
+    mean, scale, beta, slope, constant = floats(job[4]), floats(job[5]), floats(job[6]), floats(job[7]), floats(job[8])
+    n_vertices, channels = job[9], job[10]
     while True:
         part = take_next(job)
         if part >= job[1]:
@@ -47,9 +50,11 @@ def _run_derive(job, g, z):
         derive_rows(g, z, mean, scale, beta, slope, constant, first, last, channels)
 
 
-@row_function
-def _run_moments(job, z):
-    means, squares, n_vertices, channels = job[4], job[5], job[6], job[7]
+@kernel
+def moments(job):
+    """z, means, squares, V, C: write mean and sum of squared distances from it for each block, (blocks, C)."""
+    z = rows(job[2])
+    means, squares, n_vertices, channels = job[3], job[4], job[5], job[6]
     while True:
         part = take_next(job)
         if part >= job[1]:
@@ -60,10 +65,12 @@ def _run_moments(job, z):
             moments_rows(z, floats(means + place), floats(squares + place), row, min(last, row + ROWS), channels)
 
 
-@row_function
-def _run_sums(job, g, z):
-    mean, scale, beta, plain, weighted = floats(job[5]), floats(job[6]), floats(job[7]), job[8], job[9]
-    n_vertices, channels = job[10], job[11]
+@kernel
+def sums(job):
+    """g, z, mean, scale, beta, plain, weighted, V, C: write the sums of each block, (blocks, C), for the gradient of y."""
+    g, z = rows(job[2]), rows(job[3])
+    mean, scale, beta, plain, weighted = floats(job[4]), floats(job[5]), floats(job[6]), job[7], job[8]
+    n_vertices, channels = job[9], job[10]
     while True:
         part = take_next(job)
         if part >= job[1]:
@@ -76,10 +83,12 @@ def _run_sums(job, g, z):
             )  # fmt: skip
 
 
-@row_function
-def _run_gather(job, x, y):
-    starts, columns, values, blocks = numbers(job[5]), numbers(job[6]), floats(job[7]), numbers(job[8])
-    n_blocks, n_vertices, channels = job[9], job[10], job[11]
+@kernel
+def gather(job):
+    """x, y, starts, columns, values, blocks, number of blocks, V, C: write these blocks of P x to y."""
+    x, y = rows(job[2]), rows(job[3])
+    starts, columns, values, blocks = numbers(job[4]), numbers(job[5]), floats(job[6]), numbers(job[7])
+    n_blocks, n_vertices, channels = job[8], job[9], job[10]
     while True:
         part = take_next(job)
         if part >= job[1]:
@@ -89,10 +98,12 @@ def _run_gather(job, x, y):
             gather_rows(starts, columns, values, x, y, first, min(n_vertices, first + ROWS), channels)
 
 
-@row_function
-def _run_gather_moments(job, x, y):
-    starts, columns, values = numbers(job[5]), numbers(job[6]), floats(job[7])
-    means, squares, n_vertices, channels = job[8], job[9], job[10], job[11]
+@kernel
+def gather_moments(job):
+    """x, y, starts, columns, values, means, squares, V, C: write P x to y, and what :func:`moments` writes for y."""
+    x, y = rows(job[2]), rows(job[3])
+    starts, columns, values = numbers(job[4]), numbers(job[5]), floats(job[6])
+    means, squares, n_vertices, channels = job[7], job[8], job[9], job[10]
     while True:
         part = take_next(job)
         if part >= job[1]:
@@ -104,11 +115,13 @@ def _run_gather_moments(job, x, y):
             moments_rows(y, floats(means + place), floats(squares + place), row, last, channels)
 
 
-@row_function
-def _run_gather_sums(job, x, g, z):
-    starts, columns, values = numbers(job[6]), numbers(job[7]), floats(job[8])
-    mean, scale, beta, plain, weighted = floats(job[9]), floats(job[10]), floats(job[11]), job[12], job[13]
-    n_vertices, channels = job[14], job[15]
+@kernel
+def gather_sums(job):
+    """x, g, z, starts, columns, values, mean, scale, beta, plain, weighted, V, C: write P x to g, and its :func:`sums`."""
+    x, g, z = rows(job[2]), rows(job[3]), rows(job[4])
+    starts, columns, values = numbers(job[5]), numbers(job[6]), floats(job[7])
+    mean, scale, beta, plain, weighted = floats(job[8]), floats(job[9]), floats(job[10]), job[11], job[12]
+    n_vertices, channels = job[13], job[14]
     while True:
         part = take_next(job)
         if part >= job[1]:
@@ -120,11 +133,16 @@ def _run_gather_sums(job, x, g, z):
             sums_rows(g, z, mean, scale, beta, floats(plain + place), floats(weighted + place), row, last, channels)
 
 
-@row_function
-def _run_activate_gather(job, z, y, gathered):
-    starts, columns, values = numbers(job[6]), numbers(job[7]), floats(job[8])
-    bounds, queue_starts, queue, highest = numbers(job[9]), numbers(job[10]), numbers(job[11]), numbers(job[12])
-    mean, scale, beta, channels = floats(job[13]), floats(job[14]), floats(job[15]), job[16]
+@kernel
+def activate_gather(job):
+    """z, y, out, starts, columns, values, bounds, queue starts, queue, highest, mean, scale, beta, C.
+
+    Write y for z, and P y to ``out`` in all blocks of the queues, which have no neighbour outside their part.
+    """
+    z, y, gathered = rows(job[2]), rows(job[3]), rows(job[4])
+    starts, columns, values = numbers(job[5]), numbers(job[6]), floats(job[7])
+    bounds, queue_starts, queue, highest = numbers(job[8]), numbers(job[9]), numbers(job[10]), numbers(job[11])
+    mean, scale, beta, channels = floats(job[12]), floats(job[13]), floats(job[14]), job[15]
     while True:
         part = take_next(job)
         if part >= job[1]:
@@ -140,12 +158,17 @@ def _run_activate_gather(job, z, y, gathered):
                 k += 1
 
 
-@row_function
-def _run_derive_gather(job, g, z, gathered):
-    starts, columns, values = numbers(job[6]), numbers(job[7]), floats(job[8])
-    bounds, queue_starts, queue, highest = numbers(job[9]), numbers(job[10]), numbers(job[11]), numbers(job[12])
-    mean, scale, beta, slope, constant = floats(job[13]), floats(job[14]), floats(job[15]), floats(job[16]), floats(job[17])
-    channels = job[18]
+@kernel
+def derive_gather(job):
+    """g, z, out, starts, columns, values, bounds, queue starts, queue, highest, mean, scale, beta, slope, constant, C.
+
+    Write the gradient of z over that of y, and P times it to ``out`` in all blocks of the queues.
+    """
+    g, z, gathered = rows(job[2]), rows(job[3]), rows(job[4])
+    starts, columns, values = numbers(job[5]), numbers(job[6]), floats(job[7])
+    bounds, queue_starts, queue, highest = numbers(job[8]), numbers(job[9]), numbers(job[10]), numbers(job[11])
+    mean, scale, beta, slope, constant = floats(job[12]), floats(job[13]), floats(job[14]), floats(job[15]), floats(job[16])
+    channels = job[17]
     while True:
         part = take_next(job)
         if part >= job[1]:
@@ -160,101 +183,11 @@ def _run_derive_gather(job, g, z, gathered):
                 k += 1
 
 
-# -- kernels ------------------------------------------------------------------------------------------------------
-
-
-@kernel
-def activate(job):
-    """z, y, mean, scale, beta, V, C: write y for z."""
-    if job[2]:
-        _run_activate(job, halves(job[3]), halves(job[4]))
-    else:
-        _run_activate(job, floats(job[3]), floats(job[4]))
-
-
-@kernel
-def derive(job):
-    """g, z, mean, scale, beta, slope, constant, V, C: write the gradient of z over that of y."""
-    if job[2]:
-        _run_derive(job, halves(job[3]), halves(job[4]))
-    else:
-        _run_derive(job, floats(job[3]), floats(job[4]))
-
-
-@kernel
-def moments(job):
-    """z, means, squares, V, C: write mean and sum of squared distances from it for each block, (blocks, C)."""
-    if job[2]:
-        _run_moments(job, halves(job[3]))
-    else:
-        _run_moments(job, floats(job[3]))
-
-
-@kernel
-def sums(job):
-    """g, z, mean, scale, beta, plain, weighted, V, C: write the sums of each block, (blocks, C), for the gradient of y."""
-    if job[2]:
-        _run_sums(job, halves(job[3]), halves(job[4]))
-    else:
-        _run_sums(job, floats(job[3]), floats(job[4]))
-
-
-@kernel
-def gather(job):
-    """x, y, starts, columns, values, blocks, number of blocks, V, C: write these blocks of P x to y."""
-    if job[2]:
-        _run_gather(job, halves(job[3]), halves(job[4]))
-    else:
-        _run_gather(job, floats(job[3]), floats(job[4]))
-
-
-@kernel
-def gather_moments(job):
-    """x, y, starts, columns, values, means, squares, V, C: write P x to y, and what :func:`moments` writes for y."""
-    if job[2]:
-        _run_gather_moments(job, halves(job[3]), halves(job[4]))
-    else:
-        _run_gather_moments(job, floats(job[3]), floats(job[4]))
-
-
-@kernel
-def gather_sums(job):
-    """x, g, z, starts, columns, values, mean, scale, beta, plain, weighted, V, C: write P x to g, and its :func:`sums`."""
-    if job[2]:
-        _run_gather_sums(job, halves(job[3]), halves(job[4]), halves(job[5]))
-    else:
-        _run_gather_sums(job, floats(job[3]), floats(job[4]), floats(job[5]))
-
-
-@kernel
-def activate_gather(job):
-    """z, y, out, starts, columns, values, bounds, queue starts, queue, highest, mean, scale, beta, C.
-
-    Write y for z, and P y to ``out`` in all blocks of the queues, which have no neighbour outside their part.
-    """
-    if job[2]:
-        _run_activate_gather(job, halves(job[3]), halves(job[4]), halves(job[5]))
-    else:
-        _run_activate_gather(job, floats(job[3]), floats(job[4]), floats(job[5]))
-
-
-@kernel
-def derive_gather(job):
-    """g, z, out, starts, columns, values, bounds, queue starts, queue, highest, mean, scale, beta, slope, constant, C.
-
-    Write the gradient of z over that of y, and P times it to ``out`` in all blocks of the queues.
-    """
-    if job[2]:
-        _run_derive_gather(job, halves(job[3]), halves(job[4]), halves(job[5]))
-    else:
-        _run_derive_gather(job, floats(job[3]), floats(job[4]), floats(job[5]))
-
-
 @kernel
 def join_moments(job):
     """Means, squares, space (2, C) float64, mean, over_deviation, V, C: write the moments of all rows."""
-    means, squares, n_vertices, channels = floats(job[3]), floats(job[4]), job[8], job[9]
-    joined, spread, mean, over_deviation = doubles(job[5]), doubles(job[5] + 8 * channels), floats(job[6]), floats(job[7])
+    means, squares, n_vertices, channels = floats(job[2]), floats(job[3]), job[7], job[8]
+    joined, spread, mean, over_deviation = doubles(job[4]), doubles(job[4] + 8 * channels), floats(job[5]), floats(job[6])
     while True:
         part = take_next(job)
         if part >= job[1]:
@@ -285,10 +218,10 @@ def join_sums(job):
     From the sums come the gradients of gamma and beta, and the numbers with which the gradient of z is
     scale g + slope (z - mean) + constant for that of u, g (Ioffe & Szegedy 2015, section 3).
     """
-    plain, weighted, over_deviation, scale = floats(job[3]), floats(job[4]), floats(job[6]), floats(job[7])
-    of_gamma, of_beta, slope, constant = floats(job[8]), floats(job[9]), floats(job[10]), floats(job[11])
-    n_vertices, channels = job[12], job[13]
-    added, added_weighted = doubles(job[5]), doubles(job[5] + 8 * channels)
+    plain, weighted, over_deviation, scale = floats(job[2]), floats(job[3]), floats(job[5]), floats(job[6])
+    of_gamma, of_beta, slope, constant = floats(job[7]), floats(job[8]), floats(job[9]), floats(job[10])
+    n_vertices, channels = job[11], job[12]
+    added, added_weighted = doubles(job[4]), doubles(job[4] + 8 * channels)
     while True:
         part = take_next(job)
         if part >= job[1]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -11,6 +10,7 @@ from torch import Tensor
 
 from dmp.compiled import stack_kernels as kernels
 from dmp.compiled.blocked_matrix import BlockedMatrix
+from dmp.compiled.kernel import Kernel
 from dmp.compiled.launching import launch
 from dmp.compiled.layer_steps import Backward, Derivative, Forward, Layer, Normalised
 from dmp.compiled.stack_rows import ROWS
@@ -51,7 +51,7 @@ class StackPasses:
         channels = features.shape[1]
         place = out.data_ptr() - first_row * channels * out.element_size()
         arguments = (*matrix.addresses, blocks.ctypes.data, len(blocks), matrix.n_rows, channels)
-        launch(kernels.gather, (_is_half(features), features.data_ptr(), place, *arguments), self._parts(len(blocks)))
+        launch(kernels.gather.of(features.dtype), (features.data_ptr(), place, *arguments), self._parts(len(blocks)))
 
     def gather_moments(self, matrix: BlockedMatrix, features: Tensor, out: Tensor) -> tuple[Tensor, Tensor]:
         """Write z = P x to ``out`` and return its :meth:`moments`."""
@@ -118,25 +118,23 @@ class StackPasses:
     def _sums_at(self) -> tuple[int, int]:
         return self._sums[0].data_ptr(), self._sums[1].data_ptr()
 
-    def _run(self, kernel: Callable[..., Any], rows: tuple[Tensor, ...], *arguments: int) -> None:
+    def _run(self, kernel: Kernel, rows: tuple[Tensor, ...], *arguments: int) -> None:
         addresses = (tensor.data_ptr() for tensor in rows)
-        launch(kernel, (_is_half(rows[0]), *addresses, *arguments), self._parts(self._n_blocks))
+        launch(kernel.of(rows[0].dtype), (*addresses, *arguments), self._parts(self._n_blocks))
 
-    def _sweep(
-        self, kernel: Callable[..., Any], matrix: BlockedMatrix, rows: tuple[Tensor, ...], written: Tensor, *arguments: int
-    ) -> None:
+    def _sweep(self, kernel: Kernel, matrix: BlockedMatrix, rows: tuple[Tensor, ...], written: Tensor, *arguments: int) -> None:
         """Run a kernel that writes to ``written``, and then P times that to the last of ``rows`` where it can."""
         sweep = matrix.sweep(torch.get_num_threads())
         plan = (part.ctypes.data for part in (sweep.bounds, sweep.queue_starts, sweep.queue, sweep.highest))
         addresses = (tensor.data_ptr() for tensor in rows)
         channels = rows[0].shape[1]
-        launch(kernel, (_is_half(rows[0]), *addresses, *matrix.addresses, *plan, *arguments, channels), sweep.n_parts)
+        launch(kernel.of(rows[0].dtype), (*addresses, *matrix.addresses, *plan, *arguments, channels), sweep.n_parts)
         self.gather_rows(matrix, written, rows[2], sweep.others)
 
     def _joined_moments(self, channels: int) -> tuple[Tensor, Tensor]:
         mean, over_deviation = torch.empty(channels), torch.empty(channels)
         places = *self._sums_at, self._joined.data_ptr(), mean.data_ptr(), over_deviation.data_ptr()
-        launch(kernels.join_moments, (0, *places, self._n_vertices, channels), self._parts(-(-channels // 64)))
+        launch(kernels.join_moments, (*places, self._n_vertices, channels), self._parts(-(-channels // 64)))
         return mean, over_deviation
 
     def _joined_sums(self, normalised: Normalised) -> Derivative:
@@ -144,14 +142,10 @@ class StackPasses:
         found = Derivative(*(torch.empty(channels) for _ in range(4)))
         before = *self._sums_at, self._joined.data_ptr(), normalised.over_deviation.data_ptr(), normalised.scale.data_ptr()
         after = (found.of_gamma, found.of_beta, found.slope, found.constant)
-        arguments = (0, *before, *(part.data_ptr() for part in after), self._n_vertices, channels)
+        arguments = (*before, *(part.data_ptr() for part in after), self._n_vertices, channels)
         launch(kernels.join_sums, arguments, self._parts(-(-channels // 64)))
         return found
 
     def _parts(self, most: int) -> int:
         threads = torch.get_num_threads()
         return 1 if threads == 1 else min(most, _PARTS * threads)
-
-
-def _is_half(rows: Tensor) -> int:
-    return int(rows.dtype == torch.bfloat16)

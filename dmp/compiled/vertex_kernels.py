@@ -20,12 +20,12 @@ from __future__ import annotations
 import numpy as np
 
 from dmp.compiled.kernel import kernel
-from dmp.compiled.lanes import all4, coordinates, load4, spread, store4, turned
+from dmp.compiled.lanes import all4, coordinates, load4, number_at, spread, store4, turned
 from dmp.compiled.normal_kernels import load_threes
 from dmp.compiled.phases import next_part, part_is_done, share
 from dmp.compiled.pointers import floats, numbers, row_function
 
-_ONE, _ZERO, _THIRD, _HALF = np.float32(1), np.float32(0), np.float32(1 / 3), np.float32(0.5)
+_ZERO, _THIRD, _HALF = np.float32(0), np.float32(1 / 3), np.float32(0.5)
 
 
 @row_function
@@ -173,18 +173,142 @@ def follow(job):
 
 
 @row_function
-def _along_normals(p, q, r, corner):
-    return p * corner[0] + q * corner[1] + r * corner[2]
+def _heights(p, q, r, a, b, c):
+    """Return the heights of three corners over their mean, and this mean, for normals (p, q, r)."""
+    one = p * a[0] + q * a[1] + r * a[2]
+    two = p * b[0] + q * b[1] + r * b[2]
+    three = p * c[0] + q * c[1] + r * c[2]
+    mean = (one + two + three) * all4(_THIRD)
+    return one - mean, two - mean, three - mean, mean
 
 
 @row_function
-def _add_to(sums, at, a, b, c, y, of_y):
-    """Add to three fours of faces what three corners y give, times one number each: (C + C^T) n of the bilinear form of a pass."""
-    for k in range(3):
-        store4(sums, at + 4 * k, load4(sums, at + 4 * k) + (a[k] * of_y[0] + b[k] * of_y[1] + c[k] * of_y[2]))
+def _bilinear(c, a, b, d, heights, e, f, g, others):
+    """Return one coordinate of sum_c y_c h(x)_c + x_c h(y)_c for the corners a, b, d of y and e, f, g of x."""
+    of_y = a[c] * heights[0] + b[c] * heights[1] + d[c] * heights[2]
+    return of_y + (e[c] * others[0] + f[c] * others[1] + g[c] * others[2])
 
 
 @row_function
-def _around_mean(a, b, c):
-    mean = (a + b + c) * all4(_THIRD)
-    return a - mean, b - mean, c - mean
+def _back_to_faces(faces, corners, u, y, along, sums, first, last):
+    """Write n_f h_f of y, and add what the pass at u gives for the normals."""
+    for face in range(first, last, 4):
+        at = 4 * face
+        p, q, r, gate = load4(faces, at), load4(faces, at + 4), load4(faces, at + 8), load4(faces, at + 12)
+        a, b, c = _corner(y, corners, at), _corner(y, corners, at + 4), _corner(y, corners, at + 8)
+        one, two, three, mean = _heights(p, q, r, a, b, c)
+        _store_along(along, at, p, q, r, mean * gate)
+        d, e, f = _corner(u, corners, at), _corner(u, corners, at + 4), _corner(u, corners, at + 8)
+        four, five, six, _ = _heights(p, q, r, d, e, f)
+        of_y, of_u, k = (one, two, three), (four, five, six), 3 * face
+        store4(sums, k, load4(sums, k) + _bilinear(0, a, b, c, of_u, d, e, f, of_y))
+        store4(sums, k + 4, load4(sums, k + 4) + _bilinear(1, a, b, c, of_u, d, e, f, of_y))
+        store4(sums, k + 8, load4(sums, k + 8) + _bilinear(2, a, b, c, of_u, d, e, f, of_y))
+
+
+@row_function
+def _back_to_vertices(vertices, along, starts, around, shares, y, out, total, first, last):
+    for v in range(first, last):
+        value = load4(y, 4 * v)
+        p, q, r, _ = spread(value)
+        store4(out, 4 * v, value + _change(vertices, along, starts, around, shares, p, q, r, v))
+        store4(total, 4 * v, load4(total, 4 * v) + value)
+
+
+@row_function
+def _of_faces(faces, corners, positions, total, sums, of_normals, of_gates, n_faces, first, last):
+    """Write the gradients of normals and gates: what the sums say, and what x_0 gives with the sum of y over the passes."""
+    for face in range(first, last, 4):
+        at, k = 4 * face, 3 * face
+        p, q, r, gate = load4(faces, at), load4(faces, at + 4), load4(faces, at + 8), load4(faces, at + 12)
+        a, b, c = _corner(total, corners, at), _corner(total, corners, at + 4), _corner(total, corners, at + 8)
+        one, two, three, _ = _heights(p, q, r, a, b, c)
+        zero = all4(_ZERO)
+        # From the first corner, as the heights have no mean; so rounding does not know where the origin is.
+        d, e, f = (zero, zero, zero), _edge(positions, corners, at, 4), _edge(positions, corners, at, 8)
+        four, five, six, _ = _heights(p, q, r, d, e, f)
+        of_y, of_x = (one, two, three), (four, five, six)
+        x = load4(sums, k) + _bilinear(0, a, b, c, of_x, d, e, f, of_y)
+        y = load4(sums, k + 4) + _bilinear(1, a, b, c, of_x, d, e, f, of_y)
+        z = load4(sums, k + 8) + _bilinear(2, a, b, c, of_x, d, e, f, of_y)
+        of_gate = (x * p + y * q + z * r) * all4(-_HALF)
+        rows = turned(zero - x * gate, zero - y * gate, zero - z * gate, of_gate)
+        _store_threes(of_normals, of_gates, rows, face, n_faces)
+
+
+@row_function
+def _store_threes(threes, ones, rows, first, count):
+    for k in range(min(4, count - first)):
+        row = rows[0] if k == 0 else (rows[1] if k == 1 else (rows[2] if k == 2 else rows[3]))
+        at = first + k
+        threes[3 * at], threes[3 * at + 1], threes[3 * at + 2] = number_at(row, 0), number_at(row, 1), number_at(row, 2)
+        ones[at] = number_at(row, 3)
+
+
+@row_function
+def _edge(positions, corners, at, other):
+    """Return the coordinates of the edges from the first corner of four faces to another one."""
+    x, y, z, _ = turned(
+        _difference(positions, corners, at, other),
+        _difference(positions, corners, at + 1, other),
+        _difference(positions, corners, at + 2, other),
+        _difference(positions, corners, at + 3, other),
+    )
+    return x, y, z
+
+
+@row_function
+def _difference(positions, corners, at, other):
+    a, b = 3 * (np.int64(corners[at]) // 4), 3 * (np.int64(corners[at + other]) // 4)
+    return coordinates(
+        positions[b] - positions[a], positions[b + 1] - positions[a + 1], positions[b + 2] - positions[a + 2]
+    )  # fmt: skip
+
+
+@kernel
+def follow_backward(job):
+    """Go back through the passes.
+
+    Arguments: gradient (V, 3), positions (V, 3), corners in fours of faces, starts of the vertices' faces (V + 1,) and these faces,
+    shares 1/N (V,), fours of faces, M and a; places for n_f h_f, two times y in fours, their sum in fours, sums for the normals in
+    three fours of faces; stages; outputs: of positions (V, 3), of normals (F, 3), of gates (F,); V, F, bytes of a stage. Phases: two for
+    each pass and 2.
+    """
+    gradient, positions, corners, starts, around = (
+        floats(job[5]),
+        floats(job[6]),
+        numbers(job[7]),
+        numbers(job[8]),
+        numbers(job[9]),
+    )
+    shares, faces, vertices, along = floats(job[10]), floats(job[11]), floats(job[12]), floats(job[13])
+    total, sums = floats(job[16]), floats(job[17])
+    of_positions, of_normals, of_gates = floats(job[19]), floats(job[20]), floats(job[21])
+    n_vertices, n_faces, stage_bytes, passes = job[22], job[23], job[24], (job[3] - 2) // 2
+    while True:
+        phase, part = next_part(job)
+        if phase < 0:
+            break
+        first, last = share(part, job[1], n_faces)
+        first_vertex, last_vertex = share(part, job[1], n_vertices)
+        last_vertex = min(last_vertex, n_vertices)
+        done = (phase - 1) // 2
+        y, after = floats(job[14 + done % 2]), floats(job[15 - done % 2])
+        if phase == 0:
+            for v in range(first_vertex, last_vertex):
+                s = all4(shares[v])
+                store4(after, 4 * v, s * coordinates(gradient[3 * v], gradient[3 * v + 1], gradient[3 * v + 2]))
+                store4(total, 4 * v, all4(_ZERO))
+            for k in range(3 * first, 3 * last, 4):
+                store4(sums, k, all4(_ZERO))
+        elif phase == job[3] - 1:
+            _of_faces(faces, corners, positions, total, sums, of_normals, of_gates, n_faces, first, last)
+            for v in range(first_vertex, last_vertex):
+                for c in range(3):
+                    of_positions[3 * v + c] = y[4 * v + c] / shares[v]
+        elif phase % 2 == 1:
+            u = floats(job[18] + (passes - 1 - done) * stage_bytes)
+            _back_to_faces(faces, corners, u, y, along, sums, first, last)
+        else:
+            _back_to_vertices(vertices, along, starts, around, shares, y, after, total, first_vertex, last_vertex)
+        part_is_done(job)

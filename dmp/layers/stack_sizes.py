@@ -25,3 +25,8 @@ def bytes_per_vertex(input_channels: int, widths: Sequence[int], *, value_bytes:
         wanted = outputs_wanted_again(input_channels, widths)
         values += sum(width for width, again in zip(widths, wanted, strict=True) if again)
     return value_bytes * values
+
+
+def bytes_of_whole_pass(widths: Sequence[int], *, value_bytes: int = 4) -> int:
+    """Return what a :class:`dmp.patches.whole_pass.WholePass` takes for each vertex of a large mesh."""
+    return 2 * max(widths) * value_bytes

@@ -68,8 +68,3 @@ class WholePass:
 
     def _place(self, number: int, channels: int) -> Tensor:
         return self._places[number][: self._n_vertices * channels].view(self._n_vertices, channels)
-
-
-def bytes_per_vertex(widths: Sequence[int], *, value_bytes: int = 4) -> int:
-    """Return what a :class:`WholePass` takes for each vertex of a large mesh."""
-    return 2 * max(widths) * value_bytes

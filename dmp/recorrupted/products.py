@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from torch.nn import functional
 from dmp.mesh import IntArray
 from dmp.operators import to_torch
 from dmp.recorrupted.face_graph import FaceGraph
+from dmp.recorrupted.layout import Layout
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,11 @@ class Incidence:
     def n_faces(self) -> int:
         """Number of faces, F."""
         return self.signs.shape[1]
+
+    @cached_property
+    def layout(self) -> Layout:
+        """The same for compiled kernels; on the processor only."""
+        return Layout.of(self.corners, self.neighbours, self.back, self.corner_sum, self.corner_counts)
 
     @classmethod
     def of(cls, faces: IntArray, n_vertices: int, graph: FaceGraph, device: torch.device) -> Incidence:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pytestqt.qtbot import QtBot
@@ -82,6 +84,31 @@ def test_what_is_added_during_a_training_comes_after_it(opened: Controller, qtbo
     assert len(waiting(opened)) == 1 or not opened.runner.state.is_active
     wait_until_empty(opened, qtbot)
     assert Run.open(begun.folder).state == "finished"
+    assert opened.workspace.run is not None
+    assert opened.workspace.run.settings.seed == 5
+    assert opened.workspace.run.state == "finished"
+
+
+def test_what_is_added_just_before_a_training_ends_comes_after_it(
+    opened: Controller, qtbot: QtBot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    has_ended, make = threading.Event(), tasks.waiting_run
+
+    def made_late(*given: Any) -> Run:
+        assert has_ended.wait(20)
+        return make(*given)
+
+    monkeypatch.setattr(tasks, "waiting_run", made_late)
+    opened.window.panel.set_settings(quick_settings(steps=40, snapshot_every=10))
+    trigger(opened, "start")
+    qtbot.waitUntil(lambda: opened.runner.state is RunnerState.RUNNING, timeout=20_000)
+    opened.window.panel.set_settings(quick_settings(steps=6, seed=5))
+    opened.presenter.flush()
+    trigger(opened, "queue_add")
+    qtbot.waitUntil(lambda: not opened.runner.state.is_active, timeout=20_000)
+    has_ended.set()
+    assert opened.background.wait(20)
+    wait_until_empty(opened, qtbot)
     assert opened.workspace.run is not None
     assert opened.workspace.run.settings.seed == 5
     assert opened.workspace.run.state == "finished"
