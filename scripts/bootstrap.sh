@@ -70,6 +70,10 @@ if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
         "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --index-url "$TORCH_INDEX" "$torch" >&2
     fi
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --editable ".$extras" >&2
+    if [ "$purpose" = run ]; then
+        # They would be compiled by the first training otherwise, which would wait for them.
+        "$venv/bin/python" -m dmp.compiled >&2 || true
+    fi
     printf '%s' "$wanted" > "$stamp"
 fi
 

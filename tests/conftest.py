@@ -8,6 +8,8 @@ from pathlib import Path
 # One thread: the meshes here are small, and results must not depend on the machine's cores.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("QT_API", "pyside6")
+# Kernels that were compiled once are good for all tests and the processes that they start.
+os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(__file__).resolve().parents[1] / ".pytest_cache"))
 
 import numpy as np
 import pytest

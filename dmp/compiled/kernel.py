@@ -38,6 +38,11 @@ class Kernel:
         address: int = self._compiled.address
         return address
 
+    @property
+    def has_rows(self) -> bool:
+        """Whether there is a kernel for each type of rows."""
+        return _ROWS in self._function.__code__.co_names
+
     def of(self, dtype: torch.dtype) -> Kernel:
         """Return the kernel for rows of float32 or bfloat16."""
         if dtype != torch.bfloat16:

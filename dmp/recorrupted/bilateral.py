@@ -6,13 +6,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from dmp.compiled.message_kernels import CHANNELS, LEAST_AREA_VECTOR
+from dmp.recorrupted.compiled_messages import messages
+from dmp.recorrupted.compiled_passes import serve
 from dmp.recorrupted.passes import average_normals, follow_normals
 from dmp.recorrupted.products import Incidence, area_vectors, gather_corners, gather_neighbour_rows, gather_neighbours
 
 _N_GEOMETRY = 5
 _FIRST_SHARPNESS = 3.0
-# Shorter area vectors make shorter normals, whose gradients stay bounded.
-_LEAST_AREA_VECTOR = 0.02
 
 
 class BilateralLayer(nn.Module):
@@ -46,24 +47,55 @@ class BilateralLayer(nn.Module):
 
     def forward(self, positions: Tensor, hidden: Tensor, incidence: Incidence, level: float) -> tuple[Tensor, Tensor]:
         """Return new positions, (V, 3), and new features of the faces, (F, H)."""
-        corners = gather_corners(positions, incidence)
-        vectors = area_vectors(corners)
-        areas = vectors.norm(dim=1).clamp_min(_LEAST_AREA_VECTOR)
-        normals = vectors / areas[:, None]
-        geometry, around = self._geometry(normals, corners.mean(dim=0), areas, incidence, level)
-        messages = functional.silu(
-            gather_neighbours(self.of_source(hidden), incidence) + (self.of_target(hidden) + self.of_geometry(geometry))
-        )
-        if not incidence.complete:
-            messages = messages * incidence.signs.abs()
-        alike = torch.exp(self.sharpness.exp() * (geometry[:, :, 0] - 1))
-        weights = functional.softplus(self.weight(messages))[:, :, 0] * alike * around * incidence.signs[:, :, 0]
-        hidden = self.norm(hidden + self.update(torch.cat([hidden, messages.sum(dim=0)], dim=1)))
+        find = self._compiled_messages if self._has_kernels(positions) else self._messages
+        weights, messages, normals, areas = find(positions, hidden, incidence, level)
+        hidden = self.norm(hidden + self.update(torch.cat([hidden, messages], dim=1)))
 
         own = functional.softplus(self.own_weight(hidden))[:, 0] * areas
         normals = average_normals(own, weights, normals, incidence, self.normal_passes)
         gates = torch.sigmoid(self.gate(hidden))[:, 0]
         return follow_normals(positions, normals, gates, incidence, self.vertex_passes), hidden
+
+    def _has_kernels(self, positions: Tensor) -> bool:
+        return serve(positions) and self.weight.in_features == CHANNELS
+
+    def _compiled_messages(
+        self, positions: Tensor, hidden: Tensor, incidence: Incidence, level: float
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        bias = self.of_target.bias
+        both = functional.linear(
+            hidden,
+            torch.cat([self.of_source.weight, self.of_target.weight]),
+            torch.cat([torch.zeros_like(bias), bias]),
+        )
+        return messages(
+            positions,
+            both,
+            self.of_geometry.weight.t(),
+            self.weight.weight,
+            self.weight.bias,
+            self.sharpness.exp(),
+            incidence,
+            level,
+        )
+
+    def _messages(
+        self, positions: Tensor, hidden: Tensor, incidence: Incidence, level: float
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return weights (3, F), sums of messages (F, M), normals (F, 3), and lengths of area vectors (F,)."""
+        corners = gather_corners(positions, incidence)
+        vectors = area_vectors(corners)
+        areas = vectors.norm(dim=1).clamp_min(LEAST_AREA_VECTOR)
+        normals = vectors / areas[:, None]
+        geometry, around = self._geometry(normals, corners.mean(dim=0), areas, incidence, level)
+        told = functional.silu(
+            gather_neighbours(self.of_source(hidden), incidence) + (self.of_target(hidden) + self.of_geometry(geometry))
+        )
+        if not incidence.complete:
+            told = told * incidence.signs.abs()
+        alike = torch.exp(self.sharpness.exp() * (geometry[:, :, 0] - 1))
+        weights = functional.softplus(self.weight(told))[:, :, 0] * alike * around * incidence.signs[:, :, 0]
+        return weights, told.sum(dim=0), normals, areas
 
     def _geometry(
         self, normals: Tensor, centres: Tensor, areas: Tensor, incidence: Incidence, level: float

@@ -1,4 +1,4 @@
-"""Passes over normals and vertices in compiled kernels: what :mod:`dmp.recorrupted.passes` says, on the processor in float32."""
+"""Passes over normals and vertices in compiled kernels, on the processor in float32; see :mod:`dmp.recorrupted.passes`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from torch import Tensor
 
 from dmp.compiled import normal_kernels, vertex_kernels
 from dmp.compiled.phases import launch_phases
-from dmp.recorrupted.products import Incidence
 
 _FOUR_BYTES = 16
 
@@ -30,7 +29,7 @@ class NormalPasses(torch.autograd.Function):
         n_stages = passes + 1 if any(ctx.needs_input_grad) else 2
         stages = torch.empty(n_stages, layout.n_padded, 4)
         packed, least, out = torch.empty(layout.n_padded, 4), torch.empty(layout.n_padded), torch.empty_like(normals)
-        given = _addresses(own, weights, layout.slots, normals, packed, least, stages, layout.around, out)
+        given = addresses(own, weights, layout.slots, normals, packed, least, stages, layout.around, out)
         launch_phases(normal_kernels.average, passes + 2, n_faces, *given, n_faces, n_stages, _FOUR_BYTES * layout.n_padded)
         ctx.save_for_backward(own, weights)
         ctx.stages, ctx.incidence, ctx.passes = stages, incidence, passes
@@ -44,7 +43,7 @@ class NormalPasses(torch.autograd.Function):
             return torch.zeros_like(own), torch.zeros_like(weights), gradient, None, None
         places = [torch.empty(layout.n_padded, 4) for _ in range(4)]
         results = torch.empty_like(own), torch.empty_like(weights), torch.empty(n_faces, 3)
-        given = _addresses(gradient, own, weights, layout.back, *places, ctx.stages, layout.around, *results)
+        given = addresses(gradient, own, weights, layout.back, *places, ctx.stages, layout.around, *results)
         stage_bytes = _FOUR_BYTES * layout.n_padded
         launch_phases(normal_kernels.average_backward, ctx.passes + 2, n_faces, *given, n_faces, stage_bytes)
         return *results, None, None
@@ -61,7 +60,7 @@ class VertexPasses(torch.autograd.Function):
         n_stages = passes + 1 if any(ctx.needs_input_grad) else 2
         stages, out = torch.empty(n_stages, n_vertices, 4), torch.empty_like(positions)
         faces, along, vertices = torch.empty(layout.n_padded, 4), torch.empty(layout.n_padded, 4), torch.empty(n_vertices, 16)
-        given = _addresses(positions, normals, gates, *layout.of_vertices, faces, vertices, along, stages, out)
+        given = addresses(positions, normals, gates, *layout.of_vertices, faces, vertices, along, stages, out)
         sizes = n_vertices, n_faces, n_stages, _FOUR_BYTES * n_vertices
         launch_phases(vertex_kernels.follow, 2 * passes + 3, n_faces, *given, *sizes)
         ctx.save_for_backward(positions)
@@ -78,7 +77,7 @@ class VertexPasses(torch.autograd.Function):
             torch.empty(layout.n_padded, 3),
         ]
         results = torch.empty_like(positions), torch.empty(n_faces, 3), torch.empty(n_faces)
-        given = _addresses(
+        given = addresses(
             gradients[0].contiguous(), positions, *layout.of_vertices, ctx.faces, ctx.vertices, *places, ctx.stages, *results
         )
         sizes = n_vertices, n_faces, _FOUR_BYTES * n_vertices
@@ -86,5 +85,6 @@ class VertexPasses(torch.autograd.Function):
         return *results, None, None
 
 
-def _addresses(*tensors: Tensor) -> tuple[int, ...]:
+def addresses(*tensors: Tensor) -> tuple[int, ...]:
+    """Return where the numbers of the tensors lie."""
     return tuple(tensor.data_ptr() for tensor in tensors)

@@ -22,6 +22,10 @@ class Layout:
         starts: where in ``faces`` those of a vertex begin, (V + 1,) int32.
         faces: the faces around the vertices, (3 F,) int32.
         shares: 1 / number of faces of a vertex, 1 where there is none, (V,) float32.
+        signs: of the slots, (3, n_padded) float32.
+        turns: by what the neighbours' normals are multiplied where they are compared, (3, n_padded) float32.
+        slots_back: slot + 3 face of the slots that lead back, of each face and nothing, (n_padded, 4) int32.
+        corner_places: corner + 3 face of the corners at the vertices, (3 F,) int32.
     """
 
     n_padded: int
@@ -32,9 +36,23 @@ class Layout:
     starts: Tensor
     faces: Tensor
     shares: Tensor
+    signs: Tensor
+    turns: Tensor
+    slots_back: Tensor
+    corner_places: Tensor
 
     @classmethod
-    def of(cls, corners: Tensor, neighbours: Tensor, back: Tensor, corner_sum: Tensor, corner_counts: Tensor) -> Layout:
+    def of(
+        cls,
+        corners: Tensor,
+        neighbours: Tensor,
+        back: Tensor,
+        signs: Tensor,
+        corner_sum: Tensor,
+        corner_counts: Tensor,
+        *,
+        complete: bool,
+    ) -> Layout:
         """Take the arrays of an :class:`dmp.recorrupted.products.Incidence`."""
         n_faces = len(corners) // 3
         n_padded = -(-n_faces // 4) * 4
@@ -42,6 +60,9 @@ class Layout:
         own = 4 * torch.arange(n_padded)
         around = functional.pad(4 * neighbours.view(3, -1), (0, more))
         of_vertices = functional.pad(4 * corners.view(3, -1), (0, more, 0, 1))
+        places, faces = corner_sum.col_indices() // max(n_faces, 1), corner_sum.col_indices() % max(n_faces, 1)
+        slots_back = (back // max(n_faces, 1) + 3 * (back % max(n_faces, 1))).view(3, -1)
+        all_signs = functional.pad(signs.view(3, -1).float(), (0, more))
         return cls(
             n_padded=n_padded,
             slots=torch.arange(3 * n_faces, dtype=torch.int32),
@@ -49,8 +70,12 @@ class Layout:
             around=torch.cat([own[None], around]).t().contiguous().int(),
             corners=of_vertices.view(4, -1, 4).transpose(0, 1).contiguous().int(),
             starts=corner_sum.crow_indices().int(),
-            faces=(corner_sum.col_indices() % max(n_faces, 1)).int(),
+            faces=faces.int(),
             shares=1 / corner_counts[:, 0].float(),
+            signs=all_signs,
+            turns=torch.ones_like(all_signs) if complete else all_signs,
+            slots_back=functional.pad(slots_back, (0, more, 0, 1)).t().contiguous().int(),
+            corner_places=(places + 3 * faces).int(),
         )
 
     @property

@@ -52,7 +52,15 @@ class Incidence:
     @cached_property
     def layout(self) -> Layout:
         """The same for compiled kernels; on the processor only."""
-        return Layout.of(self.corners, self.neighbours, self.back, self.corner_sum, self.corner_counts)
+        return Layout.of(
+            self.corners,
+            self.neighbours,
+            self.back,
+            self.signs,
+            self.corner_sum,
+            self.corner_counts,
+            complete=self.complete,
+        )
 
     @classmethod
     def of(cls, faces: IntArray, n_vertices: int, graph: FaceGraph, device: torch.device) -> Incidence:
