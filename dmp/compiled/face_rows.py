@@ -9,41 +9,40 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmp.compiled.lanes import coordinates, load4, number_at, store4, turned
-from dmp.compiled.pointers import row_function
+from dmp.compiled.lanes import coordinates, inlined, number_at, store4, turned
 
 
-@row_function
+@inlined
 def cross(a, b):
     """Return a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@row_function
+@inlined
 def inner(a, b):
     """Return a . b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@row_function
+@inlined
 def vector_sum(a, b):
     """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@row_function
+@inlined
 def vector_difference(a, b):
     """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@row_function
+@inlined
 def scaled(a, factor):
     """Return a times a four."""
     return a[0] * factor, a[1] * factor, a[2] * factor
 
 
-@row_function
+@inlined
 def position(positions, corner, places, at):
     """Return the coordinates of one corner of four faces from positions (V, 3)."""
     k = at + 4 * corner
@@ -59,13 +58,13 @@ def position(positions, corner, places, at):
     return x, y, z
 
 
-@row_function
+@inlined
 def three(values, at):
     """Return the three numbers from ``at`` on, and a 0."""
     return coordinates(values[at], values[at + 1], values[at + 2])
 
 
-@row_function
+@inlined
 def store_some(out, at, value, count):
     """Write the first ``count`` of four numbers."""
     if count >= 4:
@@ -75,7 +74,7 @@ def store_some(out, at, value, count):
             out[at + k] = number_at(value, k)
 
 
-@row_function
+@inlined
 def store_rows(out, width, at, rows, count):
     """Write the first ``width`` numbers of the first ``count`` of four rows."""
     for k in range(min(4, count)):
@@ -84,7 +83,7 @@ def store_rows(out, width, at, rows, count):
             out[at + width * k + c] = number_at(row, c)
 
 
-@row_function
+@inlined
 def store_pairs(out, at, step, rows, others):
     """Write four rows of eight numbers, one every ``step`` numbers."""
     store4(out, at, rows[0])

@@ -12,12 +12,15 @@ import operator
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import njit, types
 from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
-from dmp.compiled.pointers import row_function
+from dmp.compiled.pointers import OPTIONS
 
 LANES = 4
+
+# Calls cost more than what is done with four numbers.
+inlined = njit(forceinline=True, **OPTIONS)
 
 _FLAGS = ("contract", "nsz")
 _REAL, _WORD = ir.FloatType(), ir.IntType(32)
@@ -143,26 +146,26 @@ _all_of_0, _all_of_1, _all_of_2, _all_of_3 = (_arranging([place] * LANES) for pl
 _with_0, _with_1, _with_2, _with_3 = (_arranging([0, 1, 2, LANES + place]) for place in range(LANES))
 
 
-@row_function
+@inlined
 def turned(a, b, c, d):
     """Return the four columns of a matrix with the rows a, b, c, d."""
     p, q, r, s = _firsts(a, b), _firsts(c, d), _seconds(a, b), _seconds(c, d)
     return _lower(p, q), _upper(p, q), _lower(r, s), _upper(r, s)
 
 
-@row_function
+@inlined
 def spread(value):
     """Return four times each of the four numbers."""
     return _all_of_0(value, value), _all_of_1(value, value), _all_of_2(value, value), _all_of_3(value, value)
 
 
-@row_function
+@inlined
 def with_fourth(a, b, c, d, fourth):
     """Return a, b, c, d with the numbers of ``fourth`` in their fourth places, one for each."""
     return _with_0(a, fourth), _with_1(b, fourth), _with_2(c, fourth), _with_3(d, fourth)
 
 
-@row_function
+@inlined
 def coordinates(a, b, c):
     """Return (a, b, c, 0)."""
     value = all4(np.float32(0))
@@ -214,7 +217,7 @@ def _exponent(typing_context, value):
     return FOUR(FOUR), generate
 
 
-@row_function
+@inlined
 def exponential(x):
     """Return e^x, to two units in the last place; x is taken to lie between -87 and 88."""
     x = larger(x, all4(np.float32(-87)))
@@ -232,7 +235,7 @@ def exponential(x):
     return _times_power(p * (x * x) + x + all4(np.float32(1)), shifted)
 
 
-@row_function
+@inlined
 def logarithm(x):
     """Return the natural logarithm of positive numbers, to two units in the last place (coefficients: Cephes, logf)."""
     n = _exponent(x)
@@ -251,13 +254,13 @@ def logarithm(x):
     return (y + small) + n * all4(np.float32(0.693359375))
 
 
-@row_function
+@inlined
 def logistic(x):
     """Return 1 / (1 + e^-x)."""
     return all4(np.float32(1)) / (all4(np.float32(1)) + exponential(all4(np.float32(0)) - x))
 
 
-@row_function
+@inlined
 def softplus(x):
     """Return log(1 + e^x)."""
     one, zero = all4(np.float32(1)), all4(np.float32(0))

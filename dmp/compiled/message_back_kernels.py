@@ -24,6 +24,7 @@ from dmp.compiled.lanes import (
     all4,
     coordinates,
     exponential,
+    inlined,
     larger,
     load4,
     logistic,
@@ -36,7 +37,7 @@ from dmp.compiled.lanes import (
 )
 from dmp.compiled.message_kernels import CHANNELS, LEAST_AREA_VECTOR, SEEN, before_silu, kept, neighbours, seen_by, sees
 from dmp.compiled.phases import next_part, part_is_done
-from dmp.compiled.pointers import doubles, floats, numbers, row_function
+from dmp.compiled.pointers import doubles, floats, numbers
 
 # Sums over faces are kept block by block and added up in a fixed order, so that no result depends on how many threads there are.
 BLOCK = 256
@@ -48,12 +49,12 @@ _A_TENTH, _TINY = np.float32(0.1), np.float32(1e-30)
 _OF_WEIGHT, _OF_BIAS, _OF_KAPPA = SEEN * CHANNELS, SEEN * CHANNELS + CHANNELS, SEEN * CHANNELS + CHANNELS + 4
 
 
-@row_function
+@inlined
 def _add(values, at, more):
     store4(values, at, load4(values, at) + more)
 
 
-@row_function
+@inlined
 def _message_back(both, geometry, weight, of_total, sums, out, row, other, seen, counts, of_logit, at):
     """Write the gradient of a message before silu; return products for those of the five numbers seen, which want adding up."""
     e = f = g = h = i = all4(_ZERO)
@@ -78,13 +79,13 @@ def _message_back(both, geometry, weight, of_total, sums, out, row, other, seen,
     return e, f, g, h, i
 
 
-@row_function
+@inlined
 def _added_up(a, b, c, d):
     p, q, r, s = turned(a, b, c, d)
     return (p + q) + (r + s)
 
 
-@row_function
+@inlined
 def _gradients(values, at, count):
     """Return four numbers, 0 for those that are not there."""
     if count >= 4:
@@ -93,7 +94,7 @@ def _gradients(values, at, count):
     return coordinates(a, b, c)
 
 
-@row_function
+@inlined
 def _back(own, around, both, geometry, weight, kappa, over_level, sums, job, n_faces, n_padded, first, last):
     """Write what goes back from each slot, and what faces themselves get."""
     signs, turns, logits, of_weights, of_total = (
@@ -153,14 +154,14 @@ def _back(own, around, both, geometry, weight, kappa, over_level, sums, job, n_f
         store_pairs(of_own, 8 * face, 8, rows, turned(of_centre[0], of_centre[1], of_centre[2], zero))
 
 
-@row_function
+@inlined
 def _returned(values, slots, face, width, c):
     """Return the sum of the fours at c of what came back to a face, which has ``width`` numbers a slot."""
     a, b, d = np.int64(slots[4 * face]), np.int64(slots[4 * face + 1]), np.int64(slots[4 * face + 2])
     return load4(values, width * a + c) + load4(values, width * b + c) + load4(values, width * d + c)
 
 
-@row_function
+@inlined
 def _of_rows(slots, of_messages, of_both, first, last):
     """Write the gradients of S and T."""
     for face in range(first, last):
@@ -171,19 +172,19 @@ def _of_rows(slots, of_messages, of_both, first, last):
             store4(of_both, 2 * CHANNELS * face + CHANNELS + c, own)
 
 
-@row_function
+@inlined
 def _whole(of_own, returned, slots, k, c):
     return load4(of_own, 8 * k + c) + _returned(returned, slots, k, 8, c)
 
 
-@row_function
+@inlined
 def _given(values, k, n_faces):
     if k < n_faces:
         return coordinates(values[3 * k], values[3 * k + 1], values[3 * k + 2])
     return all4(_ZERO)
 
 
-@row_function
+@inlined
 def _of_corners(positions, corners, slots, of_normals, of_areas, of_own, returned, out, n_faces, first, last):
     """Write the gradients at the corners of the faces, a four each."""
     for face in range(first, last, 4):
@@ -222,7 +223,7 @@ def _of_corners(positions, corners, slots, of_normals, of_areas, of_own, returne
         _store_corner(out, 12 * face + 8, vector_sum(of_mean, of_other))
 
 
-@row_function
+@inlined
 def _store_corner(out, at, vector):
     a, b, c, d = turned(vector[0], vector[1], vector[2], all4(_ZERO))
     store4(out, at, a)
@@ -231,7 +232,7 @@ def _store_corner(out, at, vector):
     store4(out, at + 36, d)
 
 
-@row_function
+@inlined
 def _of_positions(starts, places, of_corners, out, first, last):
     for v in range(first, last):
         total = all4(_ZERO)
@@ -240,7 +241,7 @@ def _of_positions(starts, places, of_corners, out, first, last):
         out[3 * v], out[3 * v + 1], out[3 * v + 2] = number_at(total, 0), number_at(total, 1), number_at(total, 2)
 
 
-@row_function
+@inlined
 def _join(sums, joined, out, n_blocks):
     """Write the gradients of G (60), w (12), b and kappa in a row, with the sums over the blocks in float64."""
     for k in range(SUMS):

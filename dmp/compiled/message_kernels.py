@@ -32,6 +32,7 @@ from dmp.compiled.kernel import kernel
 from dmp.compiled.lanes import (
     all4,
     exponential,
+    inlined,
     larger,
     load4,
     logarithm,
@@ -43,7 +44,7 @@ from dmp.compiled.lanes import (
     turned,
 )
 from dmp.compiled.phases import next_part, part_is_done, share
-from dmp.compiled.pointers import floats, numbers, row_function
+from dmp.compiled.pointers import floats, numbers
 
 # Channels of a message, and numbers that a face sees of a neighbour.
 CHANNELS, SEEN = 12, 5
@@ -54,7 +55,7 @@ _LEAST, _ONE, _ZERO, _THIRD = np.float32(LEAST_AREA_VECTOR), np.float32(1), np.f
 _A_TENTH, _TINY = np.float32(0.1), np.float32(1e-12)
 
 
-@row_function
+@inlined
 def kept(values, a, b, c, d):
     """Return normals, lengths of area vectors, centroids and logarithms of four faces, whose numbers begin at a, b, c, d."""
     x, y, z, area = turned(load4(values, a), load4(values, b), load4(values, c), load4(values, d))
@@ -62,7 +63,7 @@ def kept(values, a, b, c, d):
     return (x, y, z), area, (p, q, r), log
 
 
-@row_function
+@inlined
 def neighbours(around, at, slot):
     """Return the faces in a slot of the four faces whose own fours begin at ``at``."""
     k = at + 1 + slot
@@ -71,7 +72,7 @@ def neighbours(around, at, slot):
     )  # fmt: skip
 
 
-@row_function
+@inlined
 def sees(normal, centre, other_normal, other_centre, other_log, turned_by, over_level):
     """Return five fours that four faces see of their neighbours, and vectors: the neighbours' normals, and the way to them."""
     there, away = scaled(other_normal, turned_by), vector_difference(other_centre, centre)
@@ -85,7 +86,7 @@ def sees(normal, centre, other_normal, other_centre, other_log, turned_by, over_
     return seen, there, away
 
 
-@row_function
+@inlined
 def seen_by(k, seen):
     """Return the five numbers that face ``k`` of four sees, four times each."""
     return (
@@ -97,7 +98,7 @@ def seen_by(k, seen):
     )
 
 
-@row_function
+@inlined
 def before_silu(both, geometry, row, other, seen, c):
     """Return four channels from c on of S + T + G seen for one face and its neighbour."""
     one = load4(both, 2 * CHANNELS * other + c) + load4(both, 2 * CHANNELS * row + CHANNELS + c)
@@ -106,7 +107,7 @@ def before_silu(both, geometry, row, other, seen, c):
     return (one + seen[4] * load4(geometry, 4 * CHANNELS + c)) + (two + three)
 
 
-@row_function
+@inlined
 def _faces(positions, corners, own, normals, areas, n_faces, first, last):
     """Write what is kept of each face, its normal (F, 3), and the length of its area vector (F,)."""
     for face in range(first, last, 4):
@@ -123,7 +124,7 @@ def _faces(positions, corners, own, normals, areas, n_faces, first, last):
         store_some(areas, face, area, n_faces - face)
 
 
-@row_function
+@inlined
 def _tell(both, geometry, weight, total, face, row, other, seen, counts, is_first):
     """Add a message, ``counts`` times, to the sum of those for the face; return its products with w, which want adding up."""
     products = all4(_ZERO)
@@ -136,7 +137,7 @@ def _tell(both, geometry, weight, total, face, row, other, seen, counts, is_firs
     return products
 
 
-@row_function
+@inlined
 def _messages(own, around, both, geometry, weight, bias, kappa, over_level, job, n_faces, n_padded, first, last):
     signs, turns, logits, weights, total = floats(job[13]), floats(job[14]), floats(job[15]), floats(job[16]), floats(job[17])
     end = n_faces - 1

@@ -16,10 +16,10 @@ import numpy as np
 
 from dmp.compiled.kernel import kernel
 from dmp.compiled.lanes import (
-    all4, coordinates, larger, load4, spread, square_root, store4, turned, where_larger, with_fourth
+    all4, coordinates, inlined, larger, load4, spread, square_root, store4, turned, where_larger, with_fourth
 )  # fmt: skip
 from dmp.compiled.phases import next_part, part_is_done, share
-from dmp.compiled.pointers import floats, numbers, row_function
+from dmp.compiled.pointers import floats, numbers
 
 # Where the normals around a face point every way, their sum says little; it is divided by at least the first part of the sum of the
 # weights, so that neither it nor its gradient grows without bound; and by the second at least.
@@ -29,7 +29,7 @@ _LEAST_AGREEMENT, _EPSILON = np.float32(LEAST_AGREEMENT), np.float32(EPSILON)
 _ONE, _ZERO = np.float32(1), np.float32(0)
 
 
-@row_function
+@inlined
 def _store_four_fours(out, at, rows):
     a, b, c, d = rows
     store4(out, at, a)
@@ -38,7 +38,7 @@ def _store_four_fours(out, at, rows):
     store4(out, at + 12, d)
 
 
-@row_function
+@inlined
 def load_threes(values, first, count):
     """Return the coordinates of four rows of an array (count, 3), each as a four; 0 behind its end."""
     zero = all4(_ZERO)
@@ -53,7 +53,7 @@ def load_threes(values, first, count):
     return turned(a, b, c, d)
 
 
-@row_function
+@inlined
 def _pack_weights(own, weights, slots, packed, n_faces, first, last):
     for face in range(first, last):
         at = 4 * face
@@ -64,7 +64,7 @@ def _pack_weights(own, weights, slots, packed, n_faces, first, last):
             store4(packed, at, all4(_ZERO))
 
 
-@row_function
+@inlined
 def _weighted(values, around, weights, at):
     """Return the weighted sum of a face's own four and those of its neighbours."""
     one = all4(weights[at]) * load4(values, np.int64(around[at]))
@@ -74,7 +74,7 @@ def _weighted(values, around, weights, at):
     return (one + two) + (three + four)
 
 
-@row_function
+@inlined
 def _four_weighted(values, around, weights, at):
     return (
         _weighted(values, around, weights, at),
@@ -84,7 +84,7 @@ def _four_weighted(values, around, weights, at):
     )
 
 
-@row_function
+@inlined
 def _average(x, y, around, weights, least, first, last):
     for face in range(first, last, 4):
         at = 4 * face
@@ -135,7 +135,7 @@ def average(job):
         part_is_done(job)
 
 
-@row_function
+@inlined
 def _of_sums(out, stage, gradient, at):
     """Write the gradient of s for that of y, (p, q, r), at four faces, with a 0 behind it."""
     x, y, z, inverse = turned(load4(stage, at), load4(stage, at + 4), load4(stage, at + 8), load4(stage, at + 12))
@@ -147,7 +147,7 @@ def _of_sums(out, stage, gradient, at):
     _store_four_fours(out, at, turned((p - x * along) * inverse, (q - y * along) * inverse, (r - z * along) * inverse, zero))
 
 
-@row_function
+@inlined
 def _of_weights(g, x, around, at):
     """Return the inner products of a face's gradient with its own normal and those of its neighbours."""
     own = load4(g, at)
@@ -160,7 +160,7 @@ def _of_weights(g, x, around, at):
     return p + q + r
 
 
-@row_function
+@inlined
 def _back(number, x, g, out, sums, around, weights, first, last):
     for face in range(first, last, 4):
         at = 4 * face

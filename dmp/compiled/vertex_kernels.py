@@ -20,21 +20,21 @@ from __future__ import annotations
 import numpy as np
 
 from dmp.compiled.kernel import kernel
-from dmp.compiled.lanes import all4, coordinates, load4, number_at, spread, store4, turned
+from dmp.compiled.lanes import all4, coordinates, inlined, load4, number_at, spread, store4, turned
 from dmp.compiled.normal_kernels import load_threes
 from dmp.compiled.phases import next_part, part_is_done, share
-from dmp.compiled.pointers import floats, numbers, row_function
+from dmp.compiled.pointers import floats, numbers
 
 _ZERO, _THIRD, _HALF = np.float32(0), np.float32(1 / 3), np.float32(0.5)
 
 
-@row_function
+@inlined
 def _place(face):
     """Return where the numbers of a face begin among fours of faces."""
     return 4 * (face & ~3) + (face & 3)
 
 
-@row_function
+@inlined
 def _pack_faces(normals, gates, packed, n_faces, first, last):
     for face in range(first, last, 4):
         at = 4 * face
@@ -46,7 +46,7 @@ def _pack_faces(normals, gates, packed, n_faces, first, last):
             packed[at + 12 + k] = gates[face + k] if face + k < n_faces else _ZERO
 
 
-@row_function
+@inlined
 def _pack_vertices(positions, faces, corners, starts, around, shares, out, first, last):
     """Write M, in three fours, and a for each vertex."""
     for v in range(first, last):
@@ -71,7 +71,7 @@ def _pack_vertices(positions, faces, corners, starts, around, shares, out, first
         store4(out, 16 * v + 12, coordinates(s * a, s * b, s * c))
 
 
-@row_function
+@inlined
 def _corner(values, corners, at):
     """Return the coordinates of one corner of four faces."""
     x, y, z, _ = turned(
@@ -83,7 +83,7 @@ def _corner(values, corners, at):
     return x, y, z
 
 
-@row_function
+@inlined
 def _store_along(out, at, p, q, r, height):
     """Write n_f h_f of four faces."""
     a, b, c, d = turned(p * height, q * height, r * height, all4(_ZERO))
@@ -93,7 +93,7 @@ def _store_along(out, at, p, q, r, height):
     store4(out, at + 12, d)
 
 
-@row_function
+@inlined
 def _to_faces(faces, corners, u, out, first, last):
     """Write n_f h_f."""
     for face in range(first, last, 4):
@@ -109,12 +109,12 @@ def _to_faces(faces, corners, u, out, first, last):
         _store_along(out, at, p, q, r, (p * x + q * y + r * z) * (gate * all4(_THIRD)))
 
 
-@row_function
+@inlined
 def _sum_of_corners(u, corners, at):
     return load4(u, np.int64(corners[at])) + load4(u, np.int64(corners[at + 4])) + load4(u, np.int64(corners[at + 8]))
 
 
-@row_function
+@inlined
 def _change(vertices, along, starts, around, shares, x, y, z, v):
     """Return 1/N sum_f n_f h_f - M u at a vertex with u = (x, y, z)."""
     total = all4(_ZERO)
@@ -124,7 +124,7 @@ def _change(vertices, along, starts, around, shares, x, y, z, v):
     return all4(shares[v]) * total - lost
 
 
-@row_function
+@inlined
 def _to_vertices(vertices, along, starts, around, shares, u, out, first, last):
     for v in range(first, last):
         value = load4(u, 4 * v)
@@ -172,7 +172,7 @@ def follow(job):
         part_is_done(job)
 
 
-@row_function
+@inlined
 def _heights(p, q, r, a, b, c):
     """Return the heights of three corners over their mean, and this mean, for normals (p, q, r)."""
     one = p * a[0] + q * a[1] + r * a[2]
@@ -182,14 +182,14 @@ def _heights(p, q, r, a, b, c):
     return one - mean, two - mean, three - mean, mean
 
 
-@row_function
+@inlined
 def _bilinear(c, a, b, d, heights, e, f, g, others):
     """Return one coordinate of sum_c y_c h(x)_c + x_c h(y)_c for the corners a, b, d of y and e, f, g of x."""
     of_y = a[c] * heights[0] + b[c] * heights[1] + d[c] * heights[2]
     return of_y + (e[c] * others[0] + f[c] * others[1] + g[c] * others[2])
 
 
-@row_function
+@inlined
 def _back_to_faces(faces, corners, u, y, along, sums, first, last):
     """Write n_f h_f of y, and add what the pass at u gives for the normals."""
     for face in range(first, last, 4):
@@ -206,7 +206,7 @@ def _back_to_faces(faces, corners, u, y, along, sums, first, last):
         store4(sums, k + 8, load4(sums, k + 8) + _bilinear(2, a, b, c, of_u, d, e, f, of_y))
 
 
-@row_function
+@inlined
 def _back_to_vertices(vertices, along, starts, around, shares, y, out, total, first, last):
     for v in range(first, last):
         value = load4(y, 4 * v)
@@ -215,7 +215,7 @@ def _back_to_vertices(vertices, along, starts, around, shares, y, out, total, fi
         store4(total, 4 * v, load4(total, 4 * v) + value)
 
 
-@row_function
+@inlined
 def _of_faces(faces, corners, positions, total, sums, of_normals, of_gates, n_faces, first, last):
     """Write the gradients of normals and gates: what the sums say, and what x_0 gives with the sum of y over the passes."""
     for face in range(first, last, 4):
@@ -236,7 +236,7 @@ def _of_faces(faces, corners, positions, total, sums, of_normals, of_gates, n_fa
         _store_threes(of_normals, of_gates, rows, face, n_faces)
 
 
-@row_function
+@inlined
 def _store_threes(threes, ones, rows, first, count):
     for k in range(min(4, count - first)):
         row = rows[0] if k == 0 else (rows[1] if k == 1 else (rows[2] if k == 2 else rows[3]))
@@ -245,7 +245,7 @@ def _store_threes(threes, ones, rows, first, count):
         ones[at] = number_at(row, 3)
 
 
-@row_function
+@inlined
 def _edge(positions, corners, at, other):
     """Return the coordinates of the edges from the first corner of four faces to another one."""
     x, y, z, _ = turned(
@@ -257,7 +257,7 @@ def _edge(positions, corners, at, other):
     return x, y, z
 
 
-@row_function
+@inlined
 def _difference(positions, corners, at, other):
     a, b = 3 * (np.int64(corners[at]) // 4), 3 * (np.int64(corners[at + other]) // 4)
     return coordinates(
