@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from dmp.compiled import fused_kernels as kernels
-from dmp.compiled.blocked_matrix import BlockedMatrix
 from dmp.compiled.kernel import Kernel
 from dmp.compiled.launching import launch
 from dmp.compiled.layer_steps import Backward, Derivative, Forward
@@ -43,7 +41,7 @@ class FusedPasses(StackPasses):
         packed = self._pack(step.weight)
         places = packed.multiply_at, packed.address, step.between.data_ptr(), step.mixed.data_ptr()
         given = mixed_before.data_ptr(), *normalised.addresses, step.activated.data_ptr()
-        self._in_blocks((sweep, rest), step.matrix, *given, *places, *self._sums_at, *step.weight.shape)
+        self._in_blocks((sweep, rest), step, *given, *places, *self._sums_at, *step.weight.shape)
         return self._joined_moments(step.weight.shape[1])
 
     def _backward(self, step: Backward, sweep: Kernel, rest: Kernel) -> Derivative:
@@ -54,12 +52,13 @@ class FusedPasses(StackPasses):
         given = step.gradient.data_ptr(), mixed.data_ptr(), *normalised.addresses, *slopes
         places = packed.multiply_at, packed.address, step.between.data_ptr(), step.of_before.data_ptr()
         before = mixed_before.data_ptr(), *normalised_before.addresses
-        self._in_blocks((sweep, rest), step.matrix, *given, *places, *before, *self._sums_at, *step.weight.shape)
+        self._in_blocks((sweep, rest), step, *given, *places, *before, *self._sums_at, *step.weight.shape)
         return self._joined_sums(normalised_before)
 
-    def _in_blocks(self, pair: tuple[Kernel, Kernel], matrix: BlockedMatrix, *arguments: int) -> None:
+    def _in_blocks(self, pair: tuple[Kernel, Kernel], step: Forward | Backward, *arguments: int) -> None:
         first, second = pair
-        sweep = matrix.sweep(torch.get_num_threads())
+        matrix = step.matrix
+        sweep = matrix.sweep(self._threads(max(step.weight.shape)))
         plan = [part.ctypes.data for part in (sweep.bounds, sweep.queue_starts, sweep.queue, sweep.highest)]
         launch(first, (*matrix.addresses, *plan, matrix.n_rows, *arguments), sweep.n_parts)
         if len(sweep.others):

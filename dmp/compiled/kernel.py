@@ -68,7 +68,7 @@ def _compiled(function: FunctionType) -> Any:
 
     Where that can neither be read nor written, the function is compiled in memory.
     """
-    signature = types.void(types.CPointer(types.int64))  # type: ignore[no-untyped-call]
+    signature = types.void(types.CPointer(types.int64))
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(_FOLDER)
     try:

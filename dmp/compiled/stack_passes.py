@@ -15,8 +15,9 @@ from dmp.compiled.launching import launch
 from dmp.compiled.layer_steps import Backward, Derivative, Forward, Layer, Normalised
 from dmp.compiled.stack_rows import ROWS
 
-# Parts for each thread, so that one that is held up holds up little.
-_PARTS = 4
+# Parts for each thread, so that one that is held up holds up little; and values below which waiting for another thread costs
+# more than it saves.
+_PARTS, _WORTH_SHARING = 4, 1 << 15
 
 
 class StackPasses:
@@ -51,7 +52,7 @@ class StackPasses:
         channels = features.shape[1]
         place = out.data_ptr() - first_row * channels * out.element_size()
         arguments = (*matrix.addresses, blocks.ctypes.data, len(blocks), matrix.n_rows, channels)
-        launch(kernels.gather.of(features.dtype), (features.data_ptr(), place, *arguments), self._parts(len(blocks)))
+        launch(kernels.gather.of(features.dtype), (features.data_ptr(), place, *arguments), self._parts(len(blocks), channels))
 
     def gather_moments(self, matrix: BlockedMatrix, features: Tensor, out: Tensor) -> tuple[Tensor, Tensor]:
         """Write z = P x to ``out`` and return its :meth:`moments`."""
@@ -120,11 +121,11 @@ class StackPasses:
 
     def _run(self, kernel: Kernel, rows: tuple[Tensor, ...], *arguments: int) -> None:
         addresses = (tensor.data_ptr() for tensor in rows)
-        launch(kernel.of(rows[0].dtype), (*addresses, *arguments), self._parts(self._n_blocks))
+        launch(kernel.of(rows[0].dtype), (*addresses, *arguments), self._parts(self._n_blocks, rows[0].shape[1]))
 
     def _sweep(self, kernel: Kernel, matrix: BlockedMatrix, rows: tuple[Tensor, ...], written: Tensor, *arguments: int) -> None:
         """Run a kernel that writes to ``written``, and then P times that to the last of ``rows`` where it can."""
-        sweep = matrix.sweep(torch.get_num_threads())
+        sweep = matrix.sweep(self._threads(rows[0].shape[1]))
         plan = (part.ctypes.data for part in (sweep.bounds, sweep.queue_starts, sweep.queue, sweep.highest))
         addresses = (tensor.data_ptr() for tensor in rows)
         channels = rows[0].shape[1]
@@ -134,7 +135,7 @@ class StackPasses:
     def _joined_moments(self, channels: int) -> tuple[Tensor, Tensor]:
         mean, over_deviation = torch.empty(channels), torch.empty(channels)
         places = *self._sums_at, self._joined.data_ptr(), mean.data_ptr(), over_deviation.data_ptr()
-        launch(kernels.join_moments, (*places, self._n_vertices, channels), self._parts(-(-channels // 64)))
+        launch(kernels.join_moments, (*places, self._n_vertices, channels), parts=1)
         return mean, over_deviation
 
     def _joined_sums(self, normalised: Normalised) -> Derivative:
@@ -143,9 +144,13 @@ class StackPasses:
         before = *self._sums_at, self._joined.data_ptr(), normalised.over_deviation.data_ptr(), normalised.scale.data_ptr()
         after = (found.of_gamma, found.of_beta, found.slope, found.constant)
         arguments = (*before, *(part.data_ptr() for part in after), self._n_vertices, channels)
-        launch(kernels.join_sums, arguments, self._parts(-(-channels // 64)))
+        launch(kernels.join_sums, arguments, parts=1)
         return found
 
-    def _parts(self, most: int) -> int:
-        threads = torch.get_num_threads()
-        return 1 if threads == 1 else min(most, _PARTS * threads)
+    def _threads(self, channels: int) -> int:
+        """Return among how many threads to divide passes over all rows."""
+        return torch.get_num_threads() if self._n_vertices * channels >= _WORTH_SHARING else 1
+
+    def _parts(self, blocks: int, channels: int) -> int:
+        threads = self._threads(channels)
+        return 1 if threads == 1 else min(blocks, _PARTS * threads)

@@ -11,7 +11,7 @@ from scipy import sparse
 from torch import Tensor
 from torch.nn import functional
 
-from dmp.compiled import launching
+from dmp.compiled import launching, stack_passes
 from dmp.compiled.blocked_matrix import BlockedMatrix
 from dmp.compiled.fused_passes import FusedPasses
 from dmp.compiled.layer_steps import Backward, Derivative, Forward, Normalised
@@ -22,6 +22,12 @@ from dmp.operators import to_torch
 
 # A vertex count that is no multiple of a block, and channels that are none of a vector.
 _VERTICES, _CHANNELS = 5 * ROWS + 13, (1, 3, 16, 17, 40, 64)
+
+
+@pytest.fixture(autouse=True)
+def _share_small_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Divide even what is too small to be worth it."""
+    monkeypatch.setattr(stack_passes, "_WORTH_SHARING", 0)
 
 
 @pytest.fixture(params=[1, 2, 3])
