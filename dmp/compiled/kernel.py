@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +21,7 @@ from dmp.compiled.pointers import halves
 _OPTIONS: dict[str, Any] = {"fastmath": {"contract", "nsz"}, "error_model": "numpy"}
 # In the function's module, what makes pointers to rows of activations of their addresses.
 _ROWS = "rows"
+_LOCK = threading.Lock()
 
 
 class Kernel:
@@ -69,18 +71,20 @@ def _compiled(function: FunctionType) -> Any:
     Where that can neither be read nor written, the function is compiled in memory.
     """
     signature = types.void(types.CPointer(types.int64))
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_FOLDER)
-    try:
-        return cfunc(signature, cache=True, **_OPTIONS)(function)
-    except Exception:
-        # Whatever is wrong with the folder or a file in it (nobody else writes there) must not keep anybody from training.
-        with suppress(OSError):
-            for path in _FOLDER.rglob(f"*.{function.__name__}-*"):
-                path.unlink()
-        return cfunc(signature, **_OPTIONS)(function)
-    finally:
-        numba.config.CACHE_DIR = before
+    # The setting holds for the whole process, and there may be two trainings in it.
+    with _LOCK:
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(_FOLDER)
+        try:
+            return cfunc(signature, cache=True, **_OPTIONS)(function)
+        except Exception:
+            # Whatever is wrong with the folder or a file in it (nobody else writes there) must not keep anybody from training.
+            with suppress(OSError):
+                for path in _FOLDER.rglob(f"*.{function.__name__}-*"):
+                    path.unlink()
+            return cfunc(signature, **_OPTIONS)(function)
+        finally:
+            numba.config.CACHE_DIR = before
 
 
 def _folder() -> Path:
