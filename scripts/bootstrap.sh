@@ -63,7 +63,7 @@ extras=""
 wanted="$purpose $(cksum < pyproject.toml) ${TORCH_INDEX:-}"
 stamp="$venv/.installed-$purpose"
 if [ "$(cat "$stamp" 2>/dev/null)" != "$wanted" ]; then
-    say "Installing Python packages (about 1.5 GB with torch, VTK and Qt; some minutes the first time)."
+    say "Installing Python packages (about 1.7 GB with torch, VTK and Qt; some minutes the first time)."
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --upgrade pip >&2
     if [ -n "${TORCH_INDEX:-}" ]; then
         torch=$("$venv/bin/python" -c 'import tomllib; print(next(d for d in tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"] if d.startswith("torch")))')

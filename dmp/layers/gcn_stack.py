@@ -69,7 +69,7 @@ class _GcnStack(torch.autograd.Function):
     ) -> Tensor:
         buffers.generation += 1
         ctx.generation, ctx.buffers, ctx.parameters = buffers.generation, buffers, parameters
-        ctx.features = features.to(buffers.dtype)
+        ctx.features = features.to(buffers.dtype).contiguous()
         ctx.matrix = matrix = buffers.blocked(propagation)
         passes = buffers.passes
         normalised: list[Normalised] = []

@@ -49,7 +49,7 @@ class WholePass:
             convolutions: the layers, each a :class:`dmp.layers.GraphConvolution`.
             normalisations: the ``BatchNorm1d`` after each.
         """
-        current = features.to(self._dtype)
+        current = features.to(self._dtype).contiguous()
         moments = []
         for convolution, normalisation in zip(convolutions, normalisations, strict=True):
             weight = convolution.weight.to(self._dtype)

@@ -78,6 +78,21 @@ def test_gradients_of_the_features_and_a_second_pass_through_the_same_buffers(sp
         assert _error(second.grad, first.grad) < 1e-5
 
 
+@pytest.mark.parametrize("widths", [(24, 40, 17, 5), (7, 7, 33)])
+def test_any_number_of_channels_and_features_laid_out_otherwise_give_the_same(
+    sphere: TriangleMesh, widths: tuple[int, ...]
+) -> None:
+    torch.manual_seed(3)
+    network, graph = DisplacementNetwork(9, widths, 16), _propagation(sphere)
+    features = torch.randn(9, sphere.n_vertices).T
+    plain, expected = _loss_and_gradients(network, features, graph, None)
+    output, found = _loss_and_gradients(network, features, graph, network.buffers_for(sphere.n_vertices))
+    assert _error(output, plain) < 1e-5
+    for name, gradient in expected.items():
+        if not (name.startswith("convolutions") and name.endswith("bias")):
+            assert _error(found[name], gradient) < 1e-4, name
+
+
 def test_outputs_stay_when_the_buffers_are_used_again_and_a_late_backward_pass_is_refused(sphere: TriangleMesh) -> None:
     network, graph = _network(), _propagation(sphere)
     buffers = network.buffers_for(sphere.n_vertices)
