@@ -1,7 +1,8 @@
-"""Four float32 at a time, for kernels: three coordinates and one number more, or the same number of four faces.
+"""Some float32 at a time, for kernels: four, or the twelve of a message.
 
-A vertex or a face that is gathered is one load of four numbers; turned (:func:`turned`), four of them are computed with at
-once. Every processor of the last twenty years has registers for four.
+Four are three coordinates and one number more, or the same number of four faces. A vertex or a face that is gathered is one load
+of four; turned (:func:`turned`), four of them are computed with at once. Every processor of the last twenty years has registers
+for four, and the compiler divides twelve among those that there are.
 """
 
 # Numba has no types for mypy, and its compiler reads signatures from values.
@@ -17,7 +18,7 @@ from numba.extending import intrinsic, lower_builtin, models, register_model, ty
 
 from dmp.compiled.pointers import OPTIONS
 
-LANES = 4
+LANES, ROW = 4, 12
 
 # Calls cost more than what is done with four numbers.
 inlined = njit(forceinline=True, **OPTIONS)
@@ -28,69 +29,107 @@ _FOUR = ir.VectorType(_REAL, LANES)
 _UNDEFINED = ir.Constant(_FOUR, ir.Undefined)
 
 
-class _Four(types.Type):
-    def __init__(self):
-        super().__init__(name="Four")
+class _Lanes(types.Type):
+    def __init__(self, count):
+        self.count = count
+        super().__init__(name=f"Lanes{count}")
 
 
-FOUR = _Four()
+FOUR, TWELVE = _Lanes(LANES), _Lanes(ROW)
 
 
-@register_model(_Four)
-class _FourModel(models.PrimitiveModel):
+@register_model(_Lanes)
+class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager, kind):
-        super().__init__(manager, kind, _FOUR)
+        super().__init__(manager, kind, ir.VectorType(_REAL, kind.count))
 
 
 def _define(symbol, name):
     @type_callable(symbol)
     def typed(context):
         def typer(left, right):
-            return FOUR if left == right == FOUR else None
+            return left if left == right and isinstance(left, _Lanes) else None
 
         return typer
 
-    @lower_builtin(symbol, FOUR, FOUR)
     def lowered(context, builder, signature, arguments):
         return getattr(builder, name)(*arguments, flags=_FLAGS)
+
+    for kind in (FOUR, TWELVE):
+        lower_builtin(symbol, kind, kind)(lowered)
 
 
 for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"), (operator.truediv, "fdiv")):
     _define(_symbol, _name)
 
 
+def _loading(kind):
+    @intrinsic
+    def loaded(typing_context, pointer, index):
+        def generate(context, builder, signature, arguments):
+            place = builder.bitcast(builder.gep(arguments[0], [arguments[1]]), context.get_value_type(kind).as_pointer())
+            return builder.load(place, align=4)
+
+        return kind(pointer, types.int64), generate
+
+    return loaded
+
+
+# The four, or twelve, numbers from ``pointer[index]`` on.
+load4, load12 = _loading(FOUR), _loading(TWELVE)
+
+
 @intrinsic
-def load4(typing_context, pointer, index):
-    """Return the four numbers from ``pointer[index]`` on."""
-
+def _store(typing_context, pointer, index, value):
     def generate(context, builder, signature, arguments):
-        place = builder.bitcast(builder.gep(arguments[0], [arguments[1]]), _FOUR.as_pointer())
-        return builder.load(place, align=4)
-
-    return FOUR(pointer, types.int64), generate
-
-
-@intrinsic
-def store4(typing_context, pointer, index, value):
-    """Write four numbers from ``pointer[index]`` on."""
-
-    def generate(context, builder, signature, arguments):
-        place = builder.bitcast(builder.gep(arguments[0], [arguments[1]]), _FOUR.as_pointer())
+        place = builder.bitcast(builder.gep(arguments[0], [arguments[1]]), arguments[2].type.as_pointer())
         builder.store(arguments[2], place, align=4)
         return context.get_dummy_value()
 
-    return types.void(pointer, types.int64, FOUR), generate
+    return types.void(pointer, types.int64, value), generate
+
+
+# Write the numbers from ``pointer[index]`` on.
+store4 = store12 = _store
+
+
+def _repeating(kind):
+    @intrinsic
+    def repeated(typing_context, number):
+        def generate(context, builder, signature, arguments):
+            return _repeated(builder, arguments[0], context.get_value_type(kind))
+
+        return kind(types.float32), generate
+
+    return repeated
+
+
+def _repeated(builder, number, vector):
+    undefined = ir.Constant(vector, ir.Undefined)
+    first = builder.insert_element(undefined, number, ir.Constant(_WORD, 0))
+    return builder.shuffle_vector(first, undefined, _repeated_word(vector, 0))
+
+
+def _repeated_word(vector, number):
+    return ir.Constant(_words_of(vector), [number] * vector.count)
+
+
+def _words_of(vector):
+    return ir.VectorType(_WORD, vector.count)
+
+
+# The same float32 four, or twelve, times.
+all4, all12 = _repeating(FOUR), _repeating(TWELVE)
 
 
 @intrinsic
-def all4(typing_context, number):
-    """Return four times the same float32."""
+def like(typing_context, number, value):
+    """Return the float32 ``number`` as often as ``value`` has numbers."""
 
     def generate(context, builder, signature, arguments):
-        first = builder.insert_element(_UNDEFINED, arguments[0], ir.Constant(_WORD, 0))
-        return builder.shuffle_vector(first, _UNDEFINED, ir.Constant(ir.VectorType(_WORD, LANES), [0] * LANES))
+        return _repeated(builder, arguments[0], arguments[1].type)
 
-    return FOUR(types.float32), generate
+    return value(types.float32, value), generate
 
 
 @intrinsic
@@ -98,11 +137,12 @@ def square_root(typing_context, value):
     """Return the square roots."""
 
     def generate(context, builder, signature, arguments):
-        name, module = "llvm.sqrt.v4f32", builder.module
-        function = module.globals.get(name) or ir.Function(module, ir.FunctionType(_FOUR, [_FOUR]), name)
+        vector, module = arguments[0].type, builder.module
+        name = f"llvm.sqrt.v{vector.count}f32"
+        function = module.globals.get(name) or ir.Function(module, ir.FunctionType(vector, [vector]), name)
         return builder.call(function, arguments)
 
-    return FOUR(FOUR), generate
+    return value(value), generate
 
 
 @intrinsic
@@ -113,7 +153,7 @@ def larger(typing_context, left, right):
         left, right = arguments
         return builder.select(builder.fcmp_ordered(">", left, right), left, right)
 
-    return FOUR(FOUR, FOUR), generate
+    return left(left, left), generate
 
 
 @intrinsic
@@ -124,7 +164,7 @@ def where_larger(typing_context, left, right, chosen, other):
         left, right, chosen, other = arguments
         return builder.select(builder.fcmp_ordered(">", left, right), chosen, other)
 
-    return FOUR(FOUR, FOUR, FOUR, FOUR), generate
+    return left(left, left, left, left), generate
 
 
 def _arranging(places):
@@ -190,19 +230,16 @@ def number_at(typing_context, value, place):
     return types.float32(FOUR, types.int64), generate
 
 
-_WORDS = ir.VectorType(_WORD, LANES)
-
-
 @intrinsic
 def _times_power(typing_context, value, shifted):
     """Return ``value`` times 2^n for the whole number n that was added to 1.5 * 2^23, with the sum in ``shifted``."""
 
     def generate(context, builder, signature, arguments):
-        value, shifted = (builder.bitcast(argument, _WORDS) for argument in arguments)
-        power = builder.shl(shifted, ir.Constant(_WORDS, [23] * LANES))
-        return builder.bitcast(builder.add(value, power), _FOUR)
+        vector = arguments[0].type
+        value, shifted = (builder.bitcast(argument, _words_of(vector)) for argument in arguments)
+        return builder.bitcast(builder.add(value, builder.shl(shifted, _repeated_word(vector, 23))), vector)
 
-    return FOUR(FOUR, FOUR), generate
+    return value(value, value), generate
 
 
 @intrinsic
@@ -210,63 +247,84 @@ def _exponent(typing_context, value):
     """Return the whole numbers n for which positive numbers are 2^n m, m between the roots of 1/2 and 2."""
 
     def generate(context, builder, signature, arguments):
-        words = builder.bitcast(arguments[0], _WORDS)
-        over = builder.sub(words, ir.Constant(_WORDS, [0x3F3504F3] * LANES))
-        return builder.sitofp(builder.ashr(over, ir.Constant(_WORDS, [23] * LANES)), _FOUR)
+        vector = arguments[0].type
+        over = builder.sub(builder.bitcast(arguments[0], _words_of(vector)), _repeated_word(vector, 0x3F3504F3))
+        return builder.sitofp(builder.ashr(over, _repeated_word(vector, 23)), vector)
 
-    return FOUR(FOUR), generate
+    return value(value), generate
 
 
 @inlined
 def exponential(x):
     """Return e^x, to two units in the last place; x is taken to lie between -87 and 88."""
-    x = larger(x, all4(np.float32(-87)))
-    x = all4(np.float32(0)) - larger(all4(np.float32(0)) - x, all4(np.float32(-88)))
-    shift = all4(np.float32(12582912.0))
-    shifted = x * all4(np.float32(1.44269504)) + shift
+    x = larger(x, like(np.float32(-87), x))
+    x = like(np.float32(0), x) - larger(like(np.float32(0), x) - x, like(np.float32(-88), x))
+    shift = like(np.float32(12582912.0), x)
+    shifted = x * like(np.float32(1.44269504), x) + shift
     n = shifted - shift
     # The logarithm of 2 in two parts (Cody & Waite), the rest by its series.
-    x = (x - n * all4(np.float32(0.693359375))) + n * all4(np.float32(2.12194440e-4))
-    p = all4(np.float32(1.9875691500e-4)) * x + all4(np.float32(1.3981999507e-3))
-    p = p * x + all4(np.float32(8.3334519073e-3))
-    p = p * x + all4(np.float32(4.1665795894e-2))
-    p = p * x + all4(np.float32(1.6666665459e-1))
-    p = p * x + all4(np.float32(5.0000001201e-1))
-    return _times_power(p * (x * x) + x + all4(np.float32(1)), shifted)
+    x = (x - n * like(np.float32(0.693359375), x)) + n * like(np.float32(2.12194440e-4), x)
+    p = like(np.float32(1.9875691500e-4), x) * x + like(np.float32(1.3981999507e-3), x)
+    p = p * x + like(np.float32(8.3334519073e-3), x)
+    p = p * x + like(np.float32(4.1665795894e-2), x)
+    p = p * x + like(np.float32(1.6666665459e-1), x)
+    p = p * x + like(np.float32(5.0000001201e-1), x)
+    return _times_power(p * (x * x) + x + like(np.float32(1), x), shifted)
 
 
 @inlined
 def logarithm(x):
     """Return the natural logarithm of positive numbers, to two units in the last place (coefficients: Cephes, logf)."""
     n = _exponent(x)
-    shift = all4(np.float32(12582912.0))
-    y = _times_power(x, shift - n) - all4(np.float32(1))
-    p = all4(np.float32(7.0376836292e-2)) * y - all4(np.float32(1.1514610310e-1))
-    p = p * y + all4(np.float32(1.1676998740e-1))
-    p = p * y - all4(np.float32(1.2420140846e-1))
-    p = p * y + all4(np.float32(1.4249322787e-1))
-    p = p * y - all4(np.float32(1.6668057665e-1))
-    p = p * y + all4(np.float32(2.0000714765e-1))
-    p = p * y - all4(np.float32(2.4999993993e-1))
-    p = p * y + all4(np.float32(3.3333331174e-1))
+    shift = like(np.float32(12582912.0), x)
+    y = _times_power(x, shift - n) - like(np.float32(1), x)
+    p = like(np.float32(7.0376836292e-2), x) * y - like(np.float32(1.1514610310e-1), x)
+    p = p * y + like(np.float32(1.1676998740e-1), x)
+    p = p * y - like(np.float32(1.2420140846e-1), x)
+    p = p * y + like(np.float32(1.4249322787e-1), x)
+    p = p * y - like(np.float32(1.6668057665e-1), x)
+    p = p * y + like(np.float32(2.0000714765e-1), x)
+    p = p * y - like(np.float32(2.4999993993e-1), x)
+    p = p * y + like(np.float32(3.3333331174e-1), x)
     square = y * y
-    small = p * (y * square) - n * all4(np.float32(2.12194440e-4)) - all4(np.float32(0.5)) * square
-    return (y + small) + n * all4(np.float32(0.693359375))
+    small = p * (y * square) - n * like(np.float32(2.12194440e-4), x) - like(np.float32(0.5), x) * square
+    return (y + small) + n * like(np.float32(0.693359375), x)
 
 
 @inlined
 def logistic(x):
     """Return 1 / (1 + e^-x)."""
-    return all4(np.float32(1)) / (all4(np.float32(1)) + exponential(all4(np.float32(0)) - x))
+    return like(np.float32(1), x) / (like(np.float32(1), x) + exponential(like(np.float32(0), x) - x))
 
 
 @inlined
 def softplus(x):
     """Return log(1 + e^x)."""
-    one, zero = all4(np.float32(1)), all4(np.float32(0))
+    one, zero = like(np.float32(1), x), like(np.float32(0), x)
     # Of the larger of the two powers the logarithm is known.
     power = exponential(zero - larger(x, zero - x))
     above = (one + power) - one
     # What rounding takes from 1 + e^x is given back (Kahan).
-    small = where_larger(above, zero, logarithm(one + above) * (power / larger(above, all4(np.float32(1e-30)))), power)
+    small = where_larger(above, zero, logarithm(one + above) * (power / larger(above, like(np.float32(1e-30), x))), power)
     return larger(x, zero) + small
+
+
+def _taking(places):
+    @intrinsic
+    def taken(typing_context, value):
+        def generate(context, builder, signature, arguments):
+            mask = ir.Constant(ir.VectorType(_WORD, LANES), places)
+            return builder.shuffle_vector(arguments[0], ir.Constant(arguments[0].type, ir.Undefined), mask)
+
+        return FOUR(TWELVE), generate
+
+    return taken
+
+
+_first, _middle, _last = _taking([0, 1, 2, 3]), _taking([4, 5, 6, 7]), _taking([8, 9, 10, 11])
+
+
+@inlined
+def folded(row):
+    """Return the sums of every fourth of twelve numbers."""
+    return (_first(row) + _middle(row)) + _last(row)

@@ -1,7 +1,7 @@
 """Kernel of the derivatives of :mod:`dmp.compiled.message_kernels`.
 
-It finds again what faces see, and keeps for each slot what goes back to the neighbour there: the gradient of the message before silu,
-which is that of S as well, and those of normal, area and centroid. Each face then collects what came back to it.
+It finds again what faces see, and keeps for each slot what goes back to the neighbour there: the gradient of the message before
+silu, which is that of S as well, and those of normal, area and centroid. Each face then collects what came back to it.
 """
 
 # Numba has no types for mypy, and its compiler reads signatures from values.
@@ -22,16 +22,20 @@ from dmp.compiled.face_rows import (
 from dmp.compiled.kernel import kernel
 from dmp.compiled.lanes import (
     all4,
+    all12,
     coordinates,
     exponential,
+    folded,
     inlined,
     larger,
     load4,
+    load12,
     logistic,
     number_at,
     softplus,
     square_root,
     store4,
+    store12,
     turned,
     where_larger,
 )
@@ -39,7 +43,7 @@ from dmp.compiled.message_kernels import CHANNELS, LEAST_AREA_VECTOR, SEEN, befo
 from dmp.compiled.phases import next_part, part_is_done
 from dmp.compiled.pointers import doubles, floats, numbers
 
-# Sums over faces are kept block by block and added up in a fixed order, so that no result depends on how many threads there are.
+# Sums over faces are kept block by block and added up in a fixed order, so that none depends on how many threads there are.
 BLOCK = 256
 # Of the gradients of G, w, b, kappa; the last two are four numbers each that want adding up.
 SUMS = SEEN * CHANNELS + CHANNELS + 8
@@ -55,28 +59,30 @@ def _add(values, at, more):
 
 
 @inlined
-def _message_back(both, geometry, weight, of_total, sums, out, row, other, seen, counts, of_logit, at):
-    """Write the gradient of a message before silu; return products for those of the five numbers seen, which want adding up."""
-    e = f = g = h = i = all4(_ZERO)
-    for c in range(0, CHANNELS, 4):
-        given = before_silu(both, geometry, row, other, seen, c)
-        part = logistic(given)
-        message = given * part
-        gradient = all4(counts) * load4(of_total, CHANNELS * row + c) + all4(of_logit) * load4(weight, c)
-        gradient = gradient * (part + message * (all4(_ONE) - part))
-        store4(out, at + c, gradient)
-        _add(sums, _OF_WEIGHT + c, all4(of_logit) * message)
-        _add(sums, c, seen[0] * gradient)
-        _add(sums, CHANNELS + c, seen[1] * gradient)
-        _add(sums, 2 * CHANNELS + c, seen[2] * gradient)
-        _add(sums, 3 * CHANNELS + c, seen[3] * gradient)
-        _add(sums, 4 * CHANNELS + c, seen[4] * gradient)
-        e = e + load4(geometry, c) * gradient
-        f = f + load4(geometry, CHANNELS + c) * gradient
-        g = g + load4(geometry, 2 * CHANNELS + c) * gradient
-        h = h + load4(geometry, 3 * CHANNELS + c) * gradient
-        i = i + load4(geometry, 4 * CHANNELS + c) * gradient
-    return e, f, g, h, i
+def _add_row(values, at, more):
+    store12(values, at, load12(values, at) + more)
+
+
+@inlined
+def _message_back(both, geometry, weight, of_total, out, at, row, other, seen, counts, of_logit):
+    """Write the gradient of a message before silu, and return it; and the gradient of w."""
+    given = before_silu(both, geometry, row, other, seen)
+    part = logistic(given)
+    message = given * part
+    gradient = all12(counts) * load12(of_total, CHANNELS * row) + all12(of_logit) * load12(weight, 0)
+    gradient = gradient * (part + message * (all12(_ONE) - part))
+    store12(out, at, gradient)
+    return gradient, all12(of_logit) * message
+
+
+@inlined
+def _of_seen(k, geometry, sums, a, b, c, d, seen_a, seen_b, seen_c, seen_d):
+    """Add to the gradient of a row of G what the messages a, b, c, d give; return the gradients of the numbers seen."""
+    one = all12(seen_a[k]) * a + all12(seen_b[k]) * b
+    other = all12(seen_c[k]) * c + all12(seen_d[k]) * d
+    _add_row(sums, CHANNELS * k, one + other)
+    row = load12(geometry, CHANNELS * k)
+    return _added_up(folded(row * a), folded(row * b), folded(row * c), folded(row * d))
 
 
 @inlined
@@ -126,21 +132,35 @@ def _back(own, around, both, geometry, weight, kappa, over_level, sums, job, n_f
             _add(sums, _OF_BIAS, of_logit)
             _add(sums, _OF_KAPPA, of_power * (seen[0] - one))
             place, p, q, r, s = 36 * face + 12 * slot, seen_by(0, seen), seen_by(1, seen), seen_by(2, seen), seen_by(3, seen)
-            k, l = number_at(counts, 0), number_at(of_logit, 0)
-            v0, w0, x0, y0, z0 = _message_back(both, geometry, weight, of_total, sums, of_messages, face, a, p, k, l, place)
-            row, k, l = min(face + 1, end), number_at(counts, 1), number_at(of_logit, 1)
-            v1, w1, x1, y1, z1 = _message_back(both, geometry, weight, of_total, sums, of_messages, row, b, q, k, l, place + 36)
-            row, k, l = min(face + 2, end), number_at(counts, 2), number_at(of_logit, 2)
-            v2, w2, x2, y2, z2 = _message_back(both, geometry, weight, of_total, sums, of_messages, row, c, r, k, l, place + 72)
-            row, k, l = min(face + 3, end), number_at(counts, 3), number_at(of_logit, 3)
-            v3, w3, x3, y3, z3 = _message_back(
-                both, geometry, weight, of_total, sums, of_messages, row, d, s, k, l, place + 108
+            k, m, n = min(face + 1, end), min(face + 2, end), min(face + 3, end)
+            e, t = _message_back(
+                both, geometry, weight, of_total, of_messages, place, face, a, p, number_at(counts, 0), number_at(of_logit, 0)
             )
-            of_cosine = _added_up(v0, v1, v2, v3) + kappa * of_power
-            of_distance = _added_up(w0, w1, w2, w3) / seen[1]
-            of_height = _added_up(x0, x1, x2, x3) * over_level
-            of_other_height = _added_up(y0, y1, y2, y3) * over_level
-            of_area = of_area + _added_up(z0, z1, z2, z3) / (area + all4(_A_TENTH))
+            f, u = _message_back(
+                both, geometry, weight, of_total, of_messages, place + 36, k, b, q, number_at(counts, 1), number_at(of_logit, 1)
+            )
+            g, v = _message_back(
+                both, geometry, weight, of_total, of_messages, place + 72, m, c, r, number_at(counts, 2), number_at(of_logit, 2)
+            )
+            h, w = _message_back(
+                both,
+                geometry,
+                weight,
+                of_total,
+                of_messages,
+                place + 108,
+                n,
+                d,
+                s,
+                number_at(counts, 3),
+                number_at(of_logit, 3),
+            )
+            _add_row(sums, _OF_WEIGHT, (t + u) + (v + w))
+            of_cosine = _of_seen(0, geometry, sums, e, f, g, h, p, q, r, s) + kappa * of_power
+            of_distance = _of_seen(1, geometry, sums, e, f, g, h, p, q, r, s) / seen[1]
+            of_height = _of_seen(2, geometry, sums, e, f, g, h, p, q, r, s) * over_level
+            of_other_height = _of_seen(3, geometry, sums, e, f, g, h, p, q, r, s) * over_level
+            of_area = of_area + _of_seen(4, geometry, sums, e, f, g, h, p, q, r, s) / (area + all4(_A_TENTH))
             of_there = vector_sum(scaled(normal, of_cosine), scaled(away, of_other_height))
             of_away = vector_sum(
                 vector_sum(scaled(away, of_distance), scaled(normal, of_height)), scaled(there, of_other_height)
@@ -260,12 +280,12 @@ def _join(sums, joined, out, n_blocks):
 def tell_backward(job):
     """Go back through :func:`dmp.compiled.message_kernels.tell`.
 
-    Arguments: positions (V, 3), corners in fours of faces, fours around; S and T in a row (F, 24), G (5, 12), w (12,), three numbers:
-    b, kappa and 1 / level; what is kept of faces; signs (3, n), signs that turn normals (3, n), logits (3, n); gradients: of weights
-    (3, F), of sums of messages (F, 12), of normals (F, 3), of areas (F,); places: for gradients of messages (n, 3, 12), for what goes
-    back (n, 3, 8), for what faces get themselves (n, 8), at corners (n, 3, 4); places of back slots in fours of faces (slot + 3 face),
-    starts of the vertices' corners (V + 1,), these corners (corner + 3 face); place for sums of blocks, and for them in float64;
-    outputs: of positions (V, 3), of S and T (F, 24), of G, w, b, kappa (74,); F, n, V, blocks. Three phases.
+    Arguments: positions (V, 3), corners in fours of faces, fours around; S and T in a row (F, 24), G (5, 12), w (12,), three
+    numbers: b, kappa and 1 / level; what is kept of faces; signs (3, n), signs that turn normals (3, n), logits (3, n); gradients:
+    of weights (3, F), of sums of messages (F, 12), of normals (F, 3), of areas (F,); places: for gradients of messages (n, 3, 12),
+    for what goes back (n, 3, 8), for what faces get themselves (n, 8), at corners (n, 3, 4); where back slots are (slot + 3 face),
+    four numbers a face; starts of the vertices' corners (V + 1,), these corners (corner + 3 face); place for sums of blocks, and
+    for them in float64; outputs: of positions (V, 3), of S and T (F, 24), of G, w, b, kappa (74,); F, n, V, blocks. Three phases.
     """
     positions, corners, around, both = floats(job[5]), numbers(job[6]), numbers(job[7]), floats(job[8])
     geometry, weight, three, own = floats(job[9]), floats(job[10]), floats(job[11]), floats(job[12])

@@ -1,7 +1,7 @@
 """Kernel of what faces tell their neighbours in a bilateral layer; see :mod:`dmp.recorrupted.bilateral`.
 
-Of a face are kept, in two fours: its normal and the length of its area vector; its centroid and the logarithm of that length + 0.1.
-What it sees of the neighbour in a slot are five numbers: the cosine of the normals, the distance of the centroids, their difference
+Of a face are kept, in two fours: its normal and the length of its area vector; its centroid and the logarithm of that length +
+0.1. What it sees of the neighbour in a slot are five numbers: the cosine of the normals, the distance of the centroids, their difference
 along its own normal and along the neighbour's, over the level of the noise, and the neighbour's logarithm. The message from there is
 m = silu(S + T + G these), with S of the neighbour and T of its own; the neighbour's weight is softplus(w . m + b)
 exp(kappa (cosine - 1)) times its area and the sign of its orientation.
@@ -30,24 +30,29 @@ from dmp.compiled.face_rows import (
 )
 from dmp.compiled.kernel import kernel
 from dmp.compiled.lanes import (
+    ROW,
     all4,
+    all12,
     exponential,
+    folded,
     inlined,
     larger,
     load4,
+    load12,
     logarithm,
     logistic,
     number_at,
     softplus,
     square_root,
     store4,
+    store12,
     turned,
 )
 from dmp.compiled.phases import next_part, part_is_done, share
 from dmp.compiled.pointers import floats, numbers
 
 # Channels of a message, and numbers that a face sees of a neighbour.
-CHANNELS, SEEN = 12, 5
+CHANNELS, SEEN = ROW, 5
 # Shorter area vectors make shorter normals, whose gradients stay bounded.
 LEAST_AREA_VECTOR = 0.02
 
@@ -88,23 +93,23 @@ def sees(normal, centre, other_normal, other_centre, other_log, turned_by, over_
 
 @inlined
 def seen_by(k, seen):
-    """Return the five numbers that face ``k`` of four sees, four times each."""
+    """Return the five numbers that face ``k`` of four sees."""
     return (
-        all4(number_at(seen[0], k)),
-        all4(number_at(seen[1], k)),
-        all4(number_at(seen[2], k)),
-        all4(number_at(seen[3], k)),
-        all4(number_at(seen[4], k)),
+        number_at(seen[0], k),
+        number_at(seen[1], k),
+        number_at(seen[2], k),
+        number_at(seen[3], k),
+        number_at(seen[4], k),
     )
 
 
 @inlined
-def before_silu(both, geometry, row, other, seen, c):
-    """Return four channels from c on of S + T + G seen for one face and its neighbour."""
-    one = load4(both, 2 * CHANNELS * other + c) + load4(both, 2 * CHANNELS * row + CHANNELS + c)
-    two = seen[0] * load4(geometry, c) + seen[1] * load4(geometry, CHANNELS + c)
-    three = seen[2] * load4(geometry, 2 * CHANNELS + c) + seen[3] * load4(geometry, 3 * CHANNELS + c)
-    return (one + seen[4] * load4(geometry, 4 * CHANNELS + c)) + (two + three)
+def before_silu(both, geometry, row, other, seen):
+    """Return S + T + G seen for one face and its neighbour."""
+    one = load12(both, 2 * CHANNELS * other) + load12(both, 2 * CHANNELS * row + CHANNELS)
+    two = all12(seen[0]) * load12(geometry, 0) + all12(seen[1]) * load12(geometry, CHANNELS)
+    three = all12(seen[2]) * load12(geometry, 2 * CHANNELS) + all12(seen[3]) * load12(geometry, 3 * CHANNELS)
+    return (one + all12(seen[4]) * load12(geometry, 4 * CHANNELS)) + (two + three)
 
 
 @inlined
@@ -127,14 +132,11 @@ def _faces(positions, corners, own, normals, areas, n_faces, first, last):
 @inlined
 def _tell(both, geometry, weight, total, face, row, other, seen, counts, is_first):
     """Add a message, ``counts`` times, to the sum of those for the face; return its products with w, which want adding up."""
-    products = all4(_ZERO)
-    for c in range(0, CHANNELS, 4):
-        message = before_silu(both, geometry, row, other, seen, c)
-        message = message * logistic(message)
-        products = products + load4(weight, c) * message
-        at, counted = CHANNELS * face + c, all4(counts) * message
-        store4(total, at, counted if is_first else load4(total, at) + counted)
-    return products
+    message = before_silu(both, geometry, row, other, seen)
+    message = message * logistic(message)
+    counted = all12(counts) * message
+    store12(total, CHANNELS * face, counted if is_first else load12(total, CHANNELS * face) + counted)
+    return folded(load12(weight, 0) * message)
 
 
 @inlined
@@ -169,10 +171,10 @@ def _messages(own, around, both, geometry, weight, bias, kappa, over_level, job,
 def tell(job):
     """Find normals and areas, then messages and weights.
 
-    Arguments: positions (V, 3), corners in fours of faces, fours around; S and T in a row (F, 24), G (5, 12), w (12,), three numbers:
-    b, kappa and 1 / level; place for what is kept of faces (8 each); signs (3, n), signs that turn normals (3, n), place for logits
-    (3, n), n the faces made up to fours; outputs: weights (3, F), sums of messages (n, 12), normals (F, 3), areas (F,); F, n.
-    Two phases.
+    Arguments: positions (V, 3), corners in fours of faces, fours around; S and T in a row (F, 24), G (5, 12), w (12,), three
+    numbers: b, kappa and 1 / level; place for what is kept of faces (8 each); signs (3, n), signs that turn normals (3, n), place
+    for logits (3, n), n the faces made up to fours; outputs: weights (3, F), sums of messages (n, 12), normals (F, 3), areas (F,);
+    F, n. Two phases.
     """
     positions, corners, around, both = floats(job[5]), numbers(job[6]), numbers(job[7]), floats(job[8])
     geometry, weight, three, own = floats(job[9]), floats(job[10]), floats(job[11]), floats(job[12])

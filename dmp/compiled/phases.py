@@ -11,15 +11,14 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
 
 import torch
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from dmp.compiled.kernel import Kernel
 from dmp.compiled.launching import launch
 from dmp.compiled.pointers import row_function, take_next
 
@@ -34,7 +33,7 @@ _PARTS = 2
 _LOOKS = 2_000
 
 
-def launch_phases(kernel: Callable[..., Any], phases: int, size: int, *arguments: int) -> None:
+def launch_phases(kernel: Kernel, phases: int, size: int, *arguments: int) -> None:
     """Run a kernel of so many phases over ``size`` faces or vertices on the threads of torch; see :func:`launch`."""
     threads = torch.get_num_threads()
     parts = 1 if threads == 1 else max(1, min(_PARTS * threads, size // _LEAST_PART))

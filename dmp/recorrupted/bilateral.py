@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from dmp.compiled.message_kernels import CHANNELS, LEAST_AREA_VECTOR
-from dmp.recorrupted.compiled_messages import messages
+from dmp.recorrupted.compiled_messages import tell
 from dmp.recorrupted.compiled_passes import serve
 from dmp.recorrupted.passes import average_normals, follow_normals
 from dmp.recorrupted.products import Incidence, area_vectors, gather_corners, gather_neighbour_rows, gather_neighbours
@@ -47,42 +47,45 @@ class BilateralLayer(nn.Module):
 
     def forward(self, positions: Tensor, hidden: Tensor, incidence: Incidence, level: float) -> tuple[Tensor, Tensor]:
         """Return new positions, (V, 3), and new features of the faces, (F, H)."""
-        find = self._compiled_messages if self._has_kernels(positions) else self._messages
-        weights, messages, normals, areas = find(positions, hidden, incidence, level)
-        hidden = self.norm(hidden + self.update(torch.cat([hidden, messages], dim=1)))
+        weights, told, normals, areas = self.messages(positions, hidden, incidence, level)
+        hidden = self.norm(hidden + self.update(torch.cat([hidden, told], dim=1)))
 
         own = functional.softplus(self.own_weight(hidden))[:, 0] * areas
         normals = average_normals(own, weights, normals, incidence, self.normal_passes)
         gates = torch.sigmoid(self.gate(hidden))[:, 0]
         return follow_normals(positions, normals, gates, incidence, self.vertex_passes), hidden
 
-    def _has_kernels(self, positions: Tensor) -> bool:
-        return serve(positions) and self.weight.in_features == CHANNELS
-
-    def _compiled_messages(
+    def messages(
         self, positions: Tensor, hidden: Tensor, incidence: Incidence, level: float
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return weights (3, F), sums of messages (F, M), normals (F, 3), and lengths of area vectors (F,).
+
+        Compiled kernels find them where they can, operations of torch elsewhere; both compute the same up to rounding.
+        """
+        if self.has_kernels(positions):
+            return self.tell(positions, self._both(hidden), incidence, level)
+        return self._messages(positions, hidden, incidence, level)
+
+    def has_kernels(self, positions: Tensor) -> bool:
+        """Return whether there are compiled kernels for this layer and tensors like this one."""
+        return serve(positions) and self.weight.in_features == CHANNELS
+
+    def _both(self, hidden: Tensor) -> Tensor:
+        """Return what faces give as sources and as targets side by side, (F, 2 M)."""
         bias = self.of_target.bias
-        both = functional.linear(
-            hidden,
-            torch.cat([self.of_source.weight, self.of_target.weight]),
-            torch.cat([torch.zeros_like(bias), bias]),
-        )
-        return messages(
-            positions,
-            both,
-            self.of_geometry.weight.t(),
-            self.weight.weight,
-            self.weight.bias,
-            self.sharpness.exp(),
-            incidence,
-            level,
-        )
+        weight = torch.cat([self.of_source.weight, self.of_target.weight])
+        return functional.linear(hidden, weight, torch.cat([torch.zeros_like(bias), bias]))
+
+    def tell(
+        self, positions: Tensor, both: Tensor, incidence: Incidence, level: float
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return what :meth:`messages` does, with compiled kernels, for what faces give as sources and as targets (F, 2 M)."""
+        numbers = self.of_geometry.weight.t(), self.weight.weight, self.weight.bias, self.sharpness.exp()
+        return tell(positions, both, numbers, incidence, level)
 
     def _messages(
         self, positions: Tensor, hidden: Tensor, incidence: Incidence, level: float
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Return weights (3, F), sums of messages (F, M), normals (F, 3), and lengths of area vectors (F,)."""
         corners = gather_corners(positions, incidence)
         vectors = area_vectors(corners)
         areas = vectors.norm(dim=1).clamp_min(LEAST_AREA_VECTOR)

@@ -86,13 +86,10 @@ class _Messages(torch.autograd.Function):
         )
 
 
-def messages(
+def tell(
     positions: Tensor,
     both: Tensor,
-    geometry: Tensor,
-    weight: Tensor,
-    bias: Tensor,
-    kappa: Tensor,
+    numbers: tuple[Tensor, Tensor, Tensor, Tensor],
     incidence: Incidence,
     level: float,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
@@ -101,11 +98,8 @@ def messages(
     Args:
         positions: (V, 3).
         both: S and T of each face in a row, (F, 24); see :mod:`dmp.compiled.message_kernels`.
-        geometry: G transposed, (5, 12).
-        weight: w, (1, 12).
-        bias: b, (1,).
-        kappa: (,).
+        numbers: G transposed, (5, 12); w, (1, 12); b, (1,); kappa, (,).
         incidence: of the mesh.
         level: of the noise.
     """
-    return _Messages.apply(positions, both, geometry, weight, bias, kappa, incidence, level)  # type: ignore[no-untyped-call]
+    return _Messages.apply(positions, both, *numbers, incidence, level)  # type: ignore[no-untyped-call]

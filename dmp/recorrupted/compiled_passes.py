@@ -23,6 +23,7 @@ class NormalPasses(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
+        """Find the result."""
         own, weights, normals, incidence, passes = inputs
         own, weights, normals = own.contiguous(), weights.contiguous(), normals.contiguous()
         layout, n_faces = incidence.layout, incidence.n_faces
@@ -37,6 +38,7 @@ class NormalPasses(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor, Tensor, None, None]:
+        """Find the gradients."""
         own, weights = ctx.saved_tensors
         layout, n_faces, gradient = ctx.incidence.layout, ctx.incidence.n_faces, gradients[0].contiguous()
         if ctx.passes == 0:
@@ -54,6 +56,7 @@ class VertexPasses(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
+        """Find the result."""
         positions, normals, gates, incidence, passes = inputs
         positions, normals, gates = positions.contiguous(), normals.contiguous(), gates.contiguous()
         layout, n_faces, n_vertices = incidence.layout, incidence.n_faces, len(positions)
@@ -69,6 +72,7 @@ class VertexPasses(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor, Tensor, None, None]:
+        """Find the gradients."""
         (positions,) = ctx.saved_tensors
         layout, n_faces, n_vertices = ctx.incidence.layout, ctx.incidence.n_faces, len(positions)
         places = [

@@ -48,9 +48,9 @@ class Layout:
         neighbours: Tensor,
         back: Tensor,
         signs: Tensor,
+        *,
         corner_sum: Tensor,
         corner_counts: Tensor,
-        *,
         complete: bool,
     ) -> Layout:
         """Take the arrays of an :class:`dmp.recorrupted.products.Incidence`."""

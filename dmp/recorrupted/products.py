@@ -57,8 +57,8 @@ class Incidence:
             self.neighbours,
             self.back,
             self.signs,
-            self.corner_sum,
-            self.corner_counts,
+            corner_sum=self.corner_sum,
+            corner_counts=self.corner_counts,
             complete=self.complete,
         )
 

@@ -1,4 +1,4 @@
-"""Passes over normals and vertices in operations of torch, on any device and in any precision, see :mod:`dmp.recorrupted.passes`.
+"""Passes over normals and vertices in operations of torch, on any device, in any precision; see :mod:`dmp.recorrupted.passes`.
 
 Their backward passes are written out by hand because autograd would keep and revisit every intermediate of every pass.
 """
@@ -30,6 +30,7 @@ class NormalPasses(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
+        """Find the result."""
         own, weights, normals, incidence, passes = inputs
         matrix = _face_matrix(own, weights, incidence)
         least = (LEAST_AGREEMENT * (own.abs() + weights.abs().sum(dim=0))).clamp_min_(EPSILON)[:, None]
@@ -49,6 +50,7 @@ class NormalPasses(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor, Tensor, None, None]:
+        """Find the gradients."""
         own, weights, last = ctx.saved_tensors
         incidence, gradient = ctx.incidence, gradients[0]
         stages = [*ctx.earlier, last]
@@ -72,6 +74,7 @@ class VertexPasses(torch.autograd.Function):
     # Coordinates come first in here, (3, V) and (3, F), so that products run along the long dimension.
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
+        """Find the result."""
         positions, normals, gates, incidence, passes = inputs
         normals = normals.t().contiguous()
         moved = positions.t().contiguous()
@@ -88,6 +91,7 @@ class VertexPasses(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, Tensor, Tensor, None, None]:
+        """Find the gradients."""
         normals, gates = ctx.saved_tensors
         incidence, gradient = ctx.incidence, gradients[0].t().contiguous()
         of_normals, of_gates = torch.zeros_like(normals), torch.zeros_like(gates)

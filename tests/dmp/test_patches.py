@@ -123,7 +123,9 @@ def free(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
 def test_a_training_in_patches_follows_the_one_on_the_whole_mesh(
     noisy_sphere: TriangleMesh, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    settings = settings_for("denoise", "compact", device="cpu", threads=1, steps=30, snapshot_every=30, log_every=30)
+    settings = settings_for(
+        "denoise", "compact", device="cpu", threads=1, precision="float32", steps=30, snapshot_every=30, log_every=30
+    )
     problem = denoising(noisy_sphere, settings)
     whole = training_for(problem, settings)
     losses = [record.metrics["total_loss"] for record in whole.steps() if record.metrics]
