@@ -1,8 +1,8 @@
 """Some float32 at a time, for kernels: four, or the twelve of a message.
 
-Four are three coordinates and one number more, or the same number of four faces. A vertex or a face that is gathered is one load
-of four; turned (:func:`turned`), four of them are computed with at once. Every processor of the last twenty years has registers
-for four, and the compiler divides twelve among those that there are.
+Four are three coordinates and one number more, or the same number of four faces. A vertex or a face that is gathered is one
+load of four; turned (:func:`turned`), four of them are computed with at once. Every processor of the last twenty years has
+registers for four, and the compiler divides twelve among those that there are.
 """
 
 # Numba has no types for mypy, and its compiler reads signatures from values.

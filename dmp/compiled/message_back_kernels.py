@@ -86,6 +86,14 @@ def _of_seen(k, geometry, sums, a, b, c, d, seen_a, seen_b, seen_c, seen_d):
 
 
 @inlined
+def _to_own_row(of_both, face, slot, gradient, n_faces):
+    """Add the gradient of a message to that of T, of which the first slot's is the first."""
+    at = 2 * CHANNELS * face + CHANNELS
+    if face < n_faces:
+        store12(of_both, at, gradient if slot == 0 else load12(of_both, at) + gradient)
+
+
+@inlined
 def _added_up(a, b, c, d):
     p, q, r, s = turned(a, b, c, d)
     return (p + q) + (r + s)
@@ -102,7 +110,7 @@ def _gradients(values, at, count):
 
 @inlined
 def _back(own, around, both, geometry, weight, kappa, over_level, sums, job, n_faces, n_padded, first, last):
-    """Write what goes back from each slot, and what faces themselves get."""
+    """Write what goes back from each slot, and what faces themselves get, the gradients of T among that."""
     signs, turns, logits, of_weights, of_total = (
         floats(job[13]),
         floats(job[14]),
@@ -110,7 +118,7 @@ def _back(own, around, both, geometry, weight, kappa, over_level, sums, job, n_f
         floats(job[16]),
         floats(job[17]),
     )
-    of_messages, returned, of_own = floats(job[20]), floats(job[21]), floats(job[22])
+    of_messages, returned, of_own, of_both = floats(job[20]), floats(job[21]), floats(job[22]), floats(job[30])
     end, one, zero = n_faces - 1, all4(_ONE), all4(_ZERO)
     for face in range(first, last, 4):
         normal, _, centre, _ = kept(own, 8 * face, 8 * face + 8, 8 * face + 16, 8 * face + 24)
@@ -156,6 +164,10 @@ def _back(own, around, both, geometry, weight, kappa, over_level, sums, job, n_f
                 number_at(of_logit, 3),
             )
             _add_row(sums, _OF_WEIGHT, (t + u) + (v + w))
+            _to_own_row(of_both, face, slot, e, n_faces)
+            _to_own_row(of_both, face + 1, slot, f, n_faces)
+            _to_own_row(of_both, face + 2, slot, g, n_faces)
+            _to_own_row(of_both, face + 3, slot, h, n_faces)
             of_cosine = _of_seen(0, geometry, sums, e, f, g, h, p, q, r, s) + kappa * of_power
             of_distance = _of_seen(1, geometry, sums, e, f, g, h, p, q, r, s) / seen[1]
             of_height = _of_seen(2, geometry, sums, e, f, g, h, p, q, r, s) * over_level
@@ -183,13 +195,11 @@ def _returned(values, slots, face, width, c):
 
 @inlined
 def _of_rows(slots, of_messages, of_both, first, last):
-    """Write the gradients of S and T."""
+    """Write the gradients of S."""
     for face in range(first, last):
-        for c in range(0, CHANNELS, 4):
-            store4(of_both, 2 * CHANNELS * face + c, _returned(of_messages, slots, face, CHANNELS, c))
-            at = 3 * CHANNELS * face + c
-            own = load4(of_messages, at) + load4(of_messages, at + CHANNELS) + load4(of_messages, at + 2 * CHANNELS)
-            store4(of_both, 2 * CHANNELS * face + CHANNELS + c, own)
+        a, b, c = np.int64(slots[4 * face]), np.int64(slots[4 * face + 1]), np.int64(slots[4 * face + 2])
+        total = load12(of_messages, CHANNELS * a) + load12(of_messages, CHANNELS * b) + load12(of_messages, CHANNELS * c)
+        store12(of_both, 2 * CHANNELS * face, total)
 
 
 @inlined
@@ -281,11 +291,12 @@ def tell_backward(job):
     """Go back through :func:`dmp.compiled.message_kernels.tell`.
 
     Arguments: positions (V, 3), corners in fours of faces, fours around; S and T in a row (F, 24), G (5, 12), w (12,), three
-    numbers: b, kappa and 1 / level; what is kept of faces; signs (3, n), signs that turn normals (3, n), logits (3, n); gradients:
-    of weights (3, F), of sums of messages (F, 12), of normals (F, 3), of areas (F,); places: for gradients of messages (n, 3, 12),
-    for what goes back (n, 3, 8), for what faces get themselves (n, 8), at corners (n, 3, 4); where back slots are (slot + 3 face),
-    four numbers a face; starts of the vertices' corners (V + 1,), these corners (corner + 3 face); place for sums of blocks, and
-    for them in float64; outputs: of positions (V, 3), of S and T (F, 24), of G, w, b, kappa (74,); F, n, V, blocks. Three phases.
+    numbers: b, kappa and 1 / level; what is kept of faces; signs (3, n), signs that turn normals (3, n), logits (3, n);
+    gradients: of weights (3, F), of sums of messages (F, 12), of normals (F, 3), of areas (F,); places: for gradients of
+    messages (n, 3, 12), for what goes back (n, 3, 8), for what faces get themselves (n, 8), at corners (n, 3, 4); where back
+    slots are (slot + 3 face), four numbers a face; starts of the vertices' corners (V + 1,), these corners (corner + 3 face);
+    place for sums of blocks, and for them in float64; outputs: of positions (V, 3), of S and T (F, 24), of G, w, b, kappa
+    (74,); F, n, V, blocks. Three phases.
     """
     positions, corners, around, both = floats(job[5]), numbers(job[6]), numbers(job[7]), floats(job[8])
     geometry, weight, three, own = floats(job[9]), floats(job[10]), floats(job[11]), floats(job[12])

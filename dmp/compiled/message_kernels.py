@@ -1,10 +1,10 @@
 """Kernel of what faces tell their neighbours in a bilateral layer; see :mod:`dmp.recorrupted.bilateral`.
 
 Of a face are kept, in two fours: its normal and the length of its area vector; its centroid and the logarithm of that length +
-0.1. What it sees of the neighbour in a slot are five numbers: the cosine of the normals, the distance of the centroids, their difference
-along its own normal and along the neighbour's, over the level of the noise, and the neighbour's logarithm. The message from there is
-m = silu(S + T + G these), with S of the neighbour and T of its own; the neighbour's weight is softplus(w . m + b)
-exp(kappa (cosine - 1)) times its area and the sign of its orientation.
+0.1. What it sees of the neighbour in a slot are five numbers: the cosine of the normals, the distance of the centroids, their
+difference along its own normal and along the neighbour's, over the level of the noise, and the neighbour's logarithm. The
+message from there is m = silu(S + T + G these), with S of the neighbour and T of its own; the neighbour's weight is softplus(w
+. m + b) exp(kappa (cosine - 1)) times its area and the sign of its orientation.
 
 Memory is laid out for whole fours of faces. The signs of those that are none are 0, and the last face's rows are read for them.
 
@@ -172,9 +172,9 @@ def tell(job):
     """Find normals and areas, then messages and weights.
 
     Arguments: positions (V, 3), corners in fours of faces, fours around; S and T in a row (F, 24), G (5, 12), w (12,), three
-    numbers: b, kappa and 1 / level; place for what is kept of faces (8 each); signs (3, n), signs that turn normals (3, n), place
-    for logits (3, n), n the faces made up to fours; outputs: weights (3, F), sums of messages (n, 12), normals (F, 3), areas (F,);
-    F, n. Two phases.
+    numbers: b, kappa and 1 / level; place for what is kept of faces (8 each); signs (3, n), signs that turn normals (3, n),
+    place for logits (3, n), n the faces made up to fours; outputs: weights (3, F), sums of messages (n, 12), normals (F, 3),
+    areas (F,); F, n. Two phases.
     """
     positions, corners, around, both = floats(job[5]), numbers(job[6]), numbers(job[7]), floats(job[8])
     geometry, weight, three, own = floats(job[9]), floats(job[10]), floats(job[11]), floats(job[12])

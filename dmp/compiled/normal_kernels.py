@@ -1,9 +1,9 @@
 """Kernels that average the normals of the faces again and again, and their derivatives.
 
 A pass makes s = w_0 x + w_1 x_1 + w_2 x_2 + w_3 x_3 of a face's own normal and those of its neighbours, and y = s / max(|s|, m)
-of that. Numbers of a face come in fours: its weights (w_0, w_1, w_2, w_3); where its own four and those of its neighbours begin;
-a normal, and behind it 1 / max(|s|, m) of the pass that made it, negative where that is 1 / m. Memory is laid out for whole fours
-of faces; those that are none have weights of 0.
+of that. Numbers of a face come in fours: its weights (w_0, w_1, w_2, w_3); where its own four and those of its neighbours
+begin; a normal, and behind it 1 / max(|s|, m) of the pass that made it, negative where that is 1 / m. Memory is laid out for
+whole fours of faces; those that are none have weights of 0.
 
 Every kernel takes a pointer to int64, see :mod:`dmp.compiled.phases`; its arguments are what its name says.
 """
@@ -112,8 +112,8 @@ def average(job):
     """Go through the passes.
 
     Arguments: own weights (F,), weights of the neighbours (3, F), their slots in order (3, F) int32, normals (F, 3); places for
-    fours of weights, m, stages; fours around; output (F, 3); F, stages there are, bytes of a stage. Phases: passes and 2. Pass p
-    makes stage p + 1 of stage p, counted round the stages there are.
+    fours of weights, m, stages; fours around; output (F, 3); F, stages there are, bytes of a stage. Phases: passes and 2. Pass
+    p makes stage p + 1 of stage p, counted round the stages there are.
     """
     own, weights, slots, normals = floats(job[5]), floats(job[6]), numbers(job[7]), floats(job[8])
     packed, least, around, out = floats(job[9]), floats(job[10]), numbers(job[12]), floats(job[13])
@@ -188,8 +188,8 @@ def _back(number, x, g, out, sums, around, weights, first, last):
 def average_backward(job):
     """Go back through the passes.
 
-    Arguments: gradient (F, 3), own weights (F,), weights of the neighbours (3, F), slots that lead back (3, F) int32; places for
-    fours of weights, sums in fours, two gradients in fours; stages, fours around; outputs: of own weights, of those of the
+    Arguments: gradient (F, 3), own weights (F,), weights of the neighbours (3, F), slots that lead back (3, F) int32; places
+    for fours of weights, sums in fours, two gradients in fours; stages, fours around; outputs: of own weights, of those of the
     neighbours, of normals (F, 3); F, bytes of a stage. Phases: passes and 2.
     """
     gradient, own, weights, back, packed = floats(job[5]), floats(job[6]), floats(job[7]), numbers(job[8]), floats(job[9])

@@ -1,11 +1,11 @@
 """Kernels that move vertices after given normals of the faces again and again, and their derivatives.
 
 A pass adds 1/N sum_f g_f n_f (n_f . (c_f - x)) over the N faces f around a vertex x, c_f their centroids. With x = x_0 + u that
-is a + 1/N sum_f n_f h_f - M u, where a is what the first pass adds, M = 1/N sum_f g_f n_f n_f^T, and h_f = g_f n_f . (mean of u at
-the corners). Moves are small beside positions, so little is lost to rounding however far from the origin a mesh lies.
+is a + 1/N sum_f n_f h_f - M u, where a is what the first pass adds, M = 1/N sum_f g_f n_f n_f^T, and h_f = g_f n_f . (mean of u
+at the corners). Moves are small beside positions, so little is lost to rounding however far from the origin a mesh lies.
 
-The change of a pass is S x / N with S symmetric. So the gradient y of x, divided by N, goes back through the same passes without
-a, and gradients of normals and gates are those of the sum of y^T S x over the passes.
+The change of a pass is S x / N with S symmetric. So the gradient y of x, divided by N, goes back through the same passes
+without a, and gradients of normals and gates are those of the sum of y^T S x over the passes.
 
 Numbers of a vertex come in fours: three coordinates and a 0. Those of four faces come together: the first coordinates of their
 normals, the second, the third, their gates. Memory is laid out for whole fours; faces that are none have gates of 0.
@@ -137,9 +137,10 @@ def _to_vertices(vertices, along, starts, around, shares, u, out, first, last):
 def follow(job):
     """Go through the passes.
 
-    Arguments: positions (V, 3), normals (F, 3), gates (F,), corners in fours of faces, starts of the vertices' faces (V + 1,) and
-    these faces, int32 all, shares 1/N (V,); places for fours of faces, M and a, n_f h_f, stages; output (V, 3); V, F, stages there
-    are, bytes of a stage. Phases: two for each pass and 3. Pass p makes stage p + 1 of stage p, counted round the stages there are.
+    Arguments: positions (V, 3), normals (F, 3), gates (F,), corners in fours of faces, starts of the vertices' faces (V + 1,)
+    and these faces, int32 all, shares 1/N (V,); places for fours of faces, M and a, n_f h_f, stages; output (V, 3); V, F,
+    stages there are, bytes of a stage. Phases: two for each pass and 3. Pass p makes stage p + 1 of stage p, counted round the
+    stages there are.
     """
     positions, normals, gates, corners = floats(job[5]), floats(job[6]), floats(job[7]), numbers(job[8])
     starts, around, shares = numbers(job[9]), numbers(job[10]), floats(job[11])
@@ -269,10 +270,10 @@ def _difference(positions, corners, at, other):
 def follow_backward(job):
     """Go back through the passes.
 
-    Arguments: gradient (V, 3), positions (V, 3), corners in fours of faces, starts of the vertices' faces (V + 1,), these faces,
-    shares 1/N (V,), fours of faces, M and a; places for n_f h_f, two times y in fours, their sum in fours, sums for the normals in
-    three fours of faces; stages; outputs: of positions (V, 3), of normals (F, 3), of gates (F,); V, F, bytes of a stage. Phases:
-    two for each pass and 2.
+    Arguments: gradient (V, 3), positions (V, 3), corners in fours of faces, starts of the vertices' faces (V + 1,), these
+    faces, shares 1/N (V,), fours of faces, M and a; places for n_f h_f, two times y in fours, their sum in fours, sums for the
+    normals in three fours of faces; stages; outputs: of positions (V, 3), of normals (F, 3), of gates (F,); V, F, bytes of a
+    stage. Phases: two for each pass and 2.
     """
     gradient, positions, corners, starts, around = (
         floats(job[5]),

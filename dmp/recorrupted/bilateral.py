@@ -10,7 +10,14 @@ from dmp.compiled.message_kernels import CHANNELS, LEAST_AREA_VECTOR
 from dmp.recorrupted.compiled_messages import tell
 from dmp.recorrupted.compiled_passes import serve
 from dmp.recorrupted.passes import average_normals, follow_normals
-from dmp.recorrupted.products import Incidence, area_vectors, gather_corners, gather_neighbour_rows, gather_neighbours
+from dmp.recorrupted.products import (
+    Incidence,
+    area_vectors,
+    gather_corners,
+    gather_neighbour_rows,
+    gather_neighbours,
+    linear_of_both,
+)
 
 _N_GEOMETRY = 5
 _FIRST_SHARPNESS = 3.0
@@ -48,7 +55,9 @@ class BilateralLayer(nn.Module):
     def forward(self, positions: Tensor, hidden: Tensor, incidence: Incidence, level: float) -> tuple[Tensor, Tensor]:
         """Return new positions, (V, 3), and new features of the faces, (F, H)."""
         weights, told, normals, areas = self.messages(positions, hidden, incidence, level)
-        hidden = self.norm(hidden + self.update(torch.cat([hidden, told], dim=1)))
+        first, activation, second = self.update
+        assert isinstance(first, nn.Linear)
+        hidden = self.norm(hidden + second(activation(linear_of_both(first, hidden, told))))
 
         own = functional.softplus(self.own_weight(hidden))[:, 0] * areas
         normals = average_normals(own, weights, normals, incidence, self.normal_passes)

@@ -73,7 +73,7 @@ class _Messages(torch.autograd.Function):
         where = layout.slots_back, layout.starts, layout.corner_places
         arrays = addresses(*given, *of_results, *places, *where, *sums, of_positions, of_both, of_parameters)
         launch_phases(message_back_kernels.tell_backward, 3, n_faces, *arrays, n_faces, n_padded, n_vertices, n_blocks)
-        of_geometry, of_weight, of_bias, of_kappa = of_parameters.split((geometry.numel(), weight.numel(), 1, 1))
+        of_geometry, of_weight, of_bias, of_kappa = torch.split(of_parameters, [geometry.numel(), weight.numel(), 1, 1])
         return (
             of_positions,
             of_both,

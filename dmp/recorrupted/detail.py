@@ -15,6 +15,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from dmp.recorrupted.diffusion import diffused_at
 from dmp.recorrupted.network import Operators
 from dmp.recorrupted.products import vertex_normals
 
@@ -83,6 +84,4 @@ def _edges_of_band(values: Tensor, operators: Operators) -> tuple[Tensor, Tensor
 
 
 def _diffused(values: Tensor, operators: Operators, steps: int) -> Tensor:
-    for _ in range(steps):
-        values = operators.half_lazy @ values
-    return values
+    return diffused_at(operators.half_lazy, values, (steps,))[0]

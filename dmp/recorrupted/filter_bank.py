@@ -7,11 +7,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from dmp.operators import symmetric_product
-from dmp.recorrupted.products import Incidence, vertex_normals
+from dmp.recorrupted.diffusion import diffused_at
+from dmp.recorrupted.products import Incidence, linear_of_both, vertex_normals
 
 # Numbers of half-lazy averaging steps, growing like the Fibonacci numbers: fine where the noise is, coarse beyond.
 STEPS = (1, 2, 3, 5, 8, 13, 21)
-# The normals that features refer to are those of the mesh after this many steps.
+# The normals that features refer to are those of the mesh after this many steps, one of those above.
 _NORMAL_STEPS = 5
 
 
@@ -29,15 +30,9 @@ def diffusions(positions: Tensor, half_lazy: Tensor, incidence: Incidence) -> tu
         half_lazy: P = (I + D^-1 A) / 2, (V, V) CSR.
         incidence: of the same mesh.
     """
-    differences, normals = [], torch.zeros_like(positions)
-    diffused = positions
-    for step in range(1, STEPS[-1] + 1):
-        diffused = half_lazy @ diffused
-        if step in STEPS:
-            differences.append(diffused - positions)
-        if step == _NORMAL_STEPS:
-            normals = vertex_normals(diffused, incidence)
-    return torch.stack(differences, dim=1), normals
+    diffused = diffused_at(half_lazy, positions, STEPS)
+    normals = vertex_normals(diffused[STEPS.index(_NORMAL_STEPS)], incidence)
+    return (diffused - positions).transpose(0, 1).contiguous(), normals
 
 
 @torch.no_grad()
@@ -84,8 +79,9 @@ class FilterBank(nn.Module):
         features, along = invariants(differences, normals, level)
         hidden = functional.relu(self.embed((features - self.feature_mean) / self.feature_scale))
         for layer, norm in zip(self.mix, self.norms, strict=True):
+            assert isinstance(layer, nn.Linear)
             around = symmetric_product(propagation, hidden)
-            hidden = hidden + functional.relu(norm(layer(torch.cat([hidden, around], dim=1))))
+            hidden = hidden + functional.relu(norm(linear_of_both(layer, hidden, around)))
         mixed = self.coefficients(hidden)
         plain, normal = mixed[:, : len(STEPS), None], mixed[:, len(STEPS) :]
         return positions + (plain * differences).sum(dim=1) + (normal * along).sum(dim=1, keepdim=True) * normals

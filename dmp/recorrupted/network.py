@@ -13,9 +13,10 @@ from torch import Tensor, nn
 from dmp.mesh import FloatArray, IntArray
 from dmp.operators import normalised_adjacency, to_torch
 from dmp.recorrupted.bilateral import BilateralLayer
+from dmp.recorrupted.diffusion import diffused
 from dmp.recorrupted.face_graph import face_graph
 from dmp.recorrupted.filter_bank import FilterBank
-from dmp.recorrupted.products import Incidence, product
+from dmp.recorrupted.products import Incidence
 from dmp.topology import adjacency
 
 _ANCHOR_STEPS = 30
@@ -99,9 +100,7 @@ class RestorationNetwork(nn.Module):
             positions, hidden = layer(positions, hidden, incidence, level)
         # What is coarse in the input is hardly noise. Given back, it keeps filtered regions and boundaries in their place. It
         # brings coarse waves of the noise along, which the flattening layer takes out where the surface is flat.
-        coarse = given - positions
-        for _ in range(_ANCHOR_STEPS):
-            coarse = product(operators.half_lazy, operators.half_lazy_transposed, coarse)
+        coarse = diffused(operators.half_lazy, operators.half_lazy_transposed, given - positions, _ANCHOR_STEPS)
         positions = positions + self.anchor * coarse
         if flatten:
             positions, _ = self.flattening(positions, hidden, incidence, level)

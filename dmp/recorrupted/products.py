@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from scipy import sparse
-from torch import Tensor
+from torch import Tensor, nn
 from torch.nn import functional
 
 from dmp.mesh import IntArray
@@ -131,17 +131,6 @@ class _GatherNeighbourRows(torch.autograd.Function):
         return returned.sum(dim=1), None
 
 
-class _Product(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, matrix: Tensor, transposed: Tensor, features: Tensor) -> Tensor:
-        ctx.transposed = transposed
-        return matrix @ features
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[None, None, Tensor]:
-        return None, None, ctx.transposed @ gradients[0].contiguous()
-
-
 def gather_corners(values: Tensor, incidence: Incidence) -> Tensor:
     """Return the ``values`` (V, C) of the vertices at the corners, (3, F, C)."""
     gathered: Tensor = _GatherCorners.apply(values, incidence)  # type: ignore[no-untyped-call]
@@ -163,9 +152,10 @@ def gather_neighbour_rows(values: Tensor, incidence: Incidence) -> Tensor:
     return _GatherNeighbourRows.apply(values, incidence)  # type: ignore[no-untyped-call]
 
 
-def product(matrix: Tensor, transposed: Tensor, features: Tensor) -> Tensor:
-    """Return ``matrix @ features`` for a CSR matrix (M, N) and features (N, C); ``transposed`` serves the backward pass."""
-    return _Product.apply(matrix, transposed, features)  # type: ignore[no-untyped-call]
+def linear_of_both(layer: nn.Linear, one: Tensor, other: Tensor) -> Tensor:
+    """Return what the layer makes of the rows of both side by side, (N, out), without putting them there."""
+    weight, width = layer.weight, one.shape[1]
+    return torch.addmm(functional.linear(one, weight[:, :width], layer.bias), other, weight[:, width:].t())
 
 
 def area_vectors(corners: Tensor) -> Tensor:

@@ -31,6 +31,7 @@ from dmp.recorrupted.noise_model import (
     lightly_smoothed,
     standard_draws,
 )
+from dmp.recorrupted.numbering import Numbering
 from dmp.recorrupted.outliers import find_outliers, replaced
 from dmp.recorrupted.patches import Patch, patches, whole
 from dmp.recorrupted.products import Incidence, area_vectors, vertex_normals
@@ -82,9 +83,15 @@ _LOST, _SLOWER = 4.0, 0.5
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """A patch as tensors: positions, operators, and what the losses look at."""
+    """A patch as tensors: positions, operators, and what the losses look at; all of it in a numbering of its own.
+
+    ``order`` has the patch's number of each vertex, ``places`` the own number of each vertex of the patch.
+    """
 
     patch: Patch
+    numbering: Numbering
+    order: Tensor
+    places: Tensor
     operators: Operators
     positions: Tensor
     normals: Tensor
@@ -173,12 +180,16 @@ class RecorruptedTraining(Training):
         return risk
 
     def _piece(self, patch: Patch, positions: FloatArray, areas: FloatArray) -> _Piece:
-        own = areas[patch.face_indices]
+        numbering = Numbering.of(patch.faces, len(patch.vertices))
+        own, vertices = areas[patch.face_indices[numbering.faces]], patch.vertices[numbering.vertices]
         return _Piece(
             patch=patch,
-            operators=Operators.of(patch.faces, len(patch.vertices), normalised(own), self.device),
-            positions=self._tensor(positions[patch.vertices]),
-            normals=self._tensor(self.noise.normals[patch.vertices]),
+            numbering=numbering,
+            order=torch.from_numpy(numbering.vertices).to(self.device),
+            places=torch.from_numpy(numbering.vertex_places).to(self.device),
+            operators=Operators.of(numbering.renumbered, len(vertices), normalised(own), self.device),
+            positions=self._tensor(positions[vertices]),
+            normals=self._tensor(self.noise.normals[vertices]),
             area_scale=self._tensor(np.maximum(np.linalg.norm(own, axis=1, keepdims=True), _LEAST_AREA_VECTOR)),
         )
 
@@ -191,8 +202,8 @@ class RecorruptedTraining(Training):
             return piece
         return replace(
             piece,
-            judged_vertices=torch.from_numpy(vertices).to(self.device),
-            judged_faces=torch.from_numpy(faces).to(self.device),
+            judged_vertices=torch.from_numpy(np.sort(piece.numbering.vertex_places[vertices])).to(self.device),
+            judged_faces=torch.from_numpy(np.sort(piece.numbering.face_places[faces])).to(self.device),
         )
 
     def _noise(self, piece: _Piece, generator: torch.Generator) -> tuple[Tensor, Tensor]:
@@ -203,6 +214,7 @@ class RecorruptedTraining(Training):
         network knows them again and learns their noise. B shrinks as A grows, so that their product stays the same.
         """
         draws = standard_draws(len(piece.positions), self.noise.evenness, generator).to(self.device)
+        draws = draws.index_select(0, piece.order)
         share = self.noise.tangential
         if share >= 1:
             return self.noise.level * draws, self.noise.level * draws
@@ -238,7 +250,9 @@ class RecorruptedTraining(Training):
         position, normal = np.zeros(n_rings), np.zeros(n_rings)
         for rings in self._rings:
             piece = self._pieces[rings.patch]
-            vertices, faces = (torch.from_numpy(own).to(self.device) for own in (rings.vertices, rings.faces))
+            numbering = piece.numbering
+            chosen = numbering.vertex_places[rings.vertices], numbering.face_places[rings.faces]
+            vertices, faces = (torch.from_numpy(own).to(self.device) for own in chosen)
             for _ in range(_HELD_OUT_DRAWS):
                 output, target = self._restored(network, piece, generator)
                 of_vertices = position_errors(output.index_select(0, vertices), target.index_select(0, vertices))
@@ -312,8 +326,10 @@ class RecorruptedTraining(Training):
         if self.noise.level < _SURE_NOISE:
             return
         whole, normals = self._whole, self.noise.normals
-        restored = self._average(whole.positions, whole.operators, self._level).cpu().numpy().astype(np.float64)
-        removed = np.einsum("vc,vc->v", whole.positions.cpu().numpy() - restored, normals)
+        output = self._average(whole.positions, whole.operators, self._level)
+        before, restored = (part.index_select(0, whole.places).cpu().numpy() for part in (whole.positions, output))
+        restored = restored.astype(np.float64)
+        removed = np.einsum("vc,vc->v", before - restored, normals)
         evenness = estimate_evenness(removed, normals) if self.noise.tangential >= _ALL_DIRECTIONS else 0.0
         level = self.noise.level
         if not self.settings.noise_level:
@@ -336,7 +352,7 @@ class RecorruptedTraining(Training):
         after = given_back(before, after, self._whole.operators, self.settings.recorruption, across=share >= 1)
         if share < 1:
             after = _mostly_along_normals(before, after, self._whole.operators.incidence, share)
-        return torch.lerp(before, after, self._trust) * self._scale
+        return torch.lerp(before, after, self._trust).index_select(0, self._whole.places) * self._scale
 
     def _weights(self) -> dict[str, Any]:
         return {

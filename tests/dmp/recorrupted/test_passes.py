@@ -9,14 +9,17 @@ import weakref
 import numpy as np
 import pytest
 import torch
+from scipy.sparse import csr_array
 from torch import Tensor
 from torch.nn import functional
 
 from dmp.geometry import face_normals
 from dmp.mesh import TriangleMesh
+from dmp.operators import to_torch
+from dmp.recorrupted.diffusion import diffused, diffused_at
 from dmp.recorrupted.face_graph import face_graph
 from dmp.recorrupted.passes import average_normals, follow_normals
-from dmp.recorrupted.products import Incidence, gather_corners, gather_neighbour_rows, gather_neighbours, product, sum_corners
+from dmp.recorrupted.products import Incidence, gather_corners, gather_neighbour_rows, gather_neighbours, sum_corners
 from tests.meshes import grid_mesh, sphere_mesh
 
 _MESHES = pytest.mark.parametrize("mesh", [sphere_mesh(0), grid_mesh(4, height=0.3)], ids=["closed", "boundary"])
@@ -58,15 +61,31 @@ def test_gathers_and_sums_have_the_gradients_of_plain_indexing(mesh: TriangleMes
     assert torch.autograd.gradcheck(lambda x: sum_corners(x, incidence), at_corners)
 
 
-def test_product_is_the_dense_one_in_both_directions() -> None:
-    dense = torch.from_numpy(np.random.default_rng(3).standard_normal((5, 4)))
+@pytest.mark.parametrize("steps", [0, 1, 5])
+@pytest.mark.parametrize("columns", [1, 3, 4, 5])
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_diffused_is_products_with_the_dense_matrix(steps: int, columns: int, dtype: torch.dtype) -> None:
+    """With a row of no entries, and one of many; five columns are more than the compiled kernel takes."""
+    generator = np.random.default_rng(3)
+    dense = torch.from_numpy(generator.standard_normal((9, 9))).to(dtype)
     dense[dense.abs() < 0.5] = 0
-    features = _random(4, 3)
-    sparse, transposed = dense.to_sparse_csr(), dense.t().contiguous().to_sparse_csr()
-    expected = torch.autograd.grad((dense @ features).square().sum(), features)[0]
-    actual = torch.autograd.grad(product(sparse, transposed, features).square().sum(), features)[0]
-    assert torch.allclose(product(sparse, transposed, features), dense @ features)
-    assert torch.allclose(actual, expected)
+    dense[4] = 0
+    values = torch.from_numpy(generator.standard_normal((9, columns))).to(dtype).requires_grad_()
+    matrix, transposed = (to_torch(csr_array(part.double().numpy())).to(dtype) for part in (dense, dense.T))
+    dense = matrix.to_dense()
+    power = torch.linalg.matrix_power(dense.double(), steps)
+    expected = power @ values.double()
+    actual = diffused(matrix, transposed, values, steps)
+    _is_close(actual, expected)
+    _is_close(torch.autograd.grad(actual.square().sum(), values)[0], 2 * power.T @ expected)
+    several = diffused_at(matrix, values, (0, 1, steps + 2))
+    assert torch.equal(several[0], values)
+    _is_close(several[1], dense.double() @ values.double())
+    _is_close(several[2], dense.double() @ (dense.double() @ expected))
+
+
+def _is_close(actual: Tensor, expected: Tensor) -> None:
+    assert (actual - expected).norm() < 1e-5 * expected.norm()
 
 
 @_MESHES

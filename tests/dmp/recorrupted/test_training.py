@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 import torch
 
+from dmp.benchmark.meshes import noisy_torus
 from dmp.errors import SettingsError, TrainingError
 from dmp.geometry import mean_edge_length
 from dmp.mesh import TriangleMesh
 from dmp.methods import training_for
 from dmp.problem import denoising
+from dmp.recorrupted.numbering import Numbering
 from dmp.recorrupted.patches import patches
 from dmp.recorrupted.training import RecorruptedTraining
 from dmp.settings import settings_for
@@ -290,3 +292,43 @@ def test_a_training_that_leaves_its_course_goes_back_and_on_more_slowly() -> Non
     damaged = {**states[0], "slowness": 0.0}
     with pytest.raises(TrainingError, match="rate"):
         _training(noisy, mesh, **small).load_state(damaged)
+
+
+def _in_file_order(faces: np.ndarray, n_vertices: int) -> Numbering:
+    vertices, own = np.arange(n_vertices), np.arange(len(faces))
+    return Numbering(vertices, own, vertices, own, faces)
+
+
+@pytest.mark.parametrize("patch_size", [4000, 600])
+def test_the_order_in_memory_is_no_part_of_the_result(patch_size: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draws of noise, held-out rings, losses and results belong to the vertices of the file, however a piece numbers them."""
+    mesh = _noisy(sphere_mesh(4), 0.02)
+    found = []
+    for numbering in (Numbering.of, _in_file_order):
+        monkeypatch.setattr(Numbering, "of", numbering)
+        training = _training(mesh, mesh, patch_size=patch_size, log_every=3, hold_out=0.3)
+        assert isinstance(training, RecorruptedTraining)
+        *_, last = training.steps()
+        assert last.snapshot is not None
+        found.append((training, last))
+    (training, last), (plain, expected) = found
+    assert not np.array_equal(training._whole.patch.faces, training._whole.numbering.renumbered)
+    assert last.snapshot is not None
+    assert expected.snapshot is not None
+    assert {"total_loss", "held_out_risk"} <= set(expected.metrics)
+    assert last.metrics == pytest.approx(expected.metrics, rel=1e-3, abs=1e-5)
+    assert np.abs(last.snapshot.vertices - expected.snapshot.vertices).max() < 1e-3 * mean_edge_length(
+        mesh.vertices, unique_edges(mesh.faces)
+    )
+    assert isinstance(plain, RecorruptedTraining)
+    assert training.noise.level == pytest.approx(plain.noise.level, rel=1e-4)
+
+
+def test_new_numbers_keep_every_face_and_bring_neighbours_together() -> None:
+    mesh = noisy_torus(600)
+    numbering = Numbering.of(mesh.faces, mesh.n_vertices)
+    assert np.array_equal(numbering.vertices[numbering.renumbered], mesh.faces[numbering.faces])
+    assert np.array_equal(numbering.vertices[numbering.vertex_places], np.arange(mesh.n_vertices))
+    assert np.array_equal(numbering.faces[numbering.face_places], np.arange(mesh.n_faces))
+    spread, before = np.ptp(numbering.renumbered, axis=1), np.ptp(mesh.faces, axis=1)
+    assert spread.max() < 0.5 * before.mean()
