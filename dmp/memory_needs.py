@@ -16,7 +16,7 @@ from dmp.settings import Settings, settings_for
 _BESIDE_LAYERS = 1_700
 # What the other methods take for each vertex in all, measured likewise; the last keeps 150 sets of made-up holes, of which the
 # measurement had made 3, and 12,000 bytes are added for the others.
-_RECORRUPTED, _MADE_UP_HOLES = 11_000, 26_000
+_RECORRUPTED, _MADE_UP_HOLES = 7_000, 26_000
 # Independent of the mesh: modules that are loaded late, weights, and the allocator's slack.
 _IN_ANY_CASE = 200_000_000
 # Automatic derivatives keep more between the layers than buffers do; a mixture has products for each of its kernels.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmp.compiled.lanes import coordinates, inlined, number_at, store4, turned
+from dmp.compiled.lanes import coordinates, inlined, load4, number_at, store4, turned
 
 
 @inlined
@@ -94,3 +94,12 @@ def store_pairs(out, at, step, rows, others):
     store4(out, at + 2 * step + 4, others[2])
     store4(out, at + 3 * step, rows[3])
     store4(out, at + 3 * step + 4, others[3])
+
+
+@inlined
+def fours_at(values, at, count):
+    """Return the four numbers from ``at`` on, 0 for those that are not among the ``count`` that there are."""
+    if count >= 4:
+        return load4(values, at)
+    a, b, c = values[at], values[at + 1] if count > 1 else np.float32(0), values[at + 2] if count > 2 else np.float32(0)
+    return coordinates(a, b, c)

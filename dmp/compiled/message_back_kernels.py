@@ -12,6 +12,7 @@ import numpy as np
 
 from dmp.compiled.face_rows import (
     cross,
+    fours_at,
     inner,
     position,
     scaled,
@@ -100,15 +101,6 @@ def _added_up(a, b, c, d):
 
 
 @inlined
-def _gradients(values, at, count):
-    """Return four numbers, 0 for those that are not there."""
-    if count >= 4:
-        return load4(values, at)
-    a, b, c = values[at], values[at + 1] if count > 1 else _ZERO, values[at + 2] if count > 2 else _ZERO
-    return coordinates(a, b, c)
-
-
-@inlined
 def _back(own, around, both, geometry, weight, kappa, over_level, sums, job, n_faces, n_padded, first, last):
     """Write what goes back from each slot, and what faces themselves get, the gradients of T among that."""
     signs, turns, logits, of_weights, of_total = (
@@ -132,7 +124,7 @@ def _back(own, around, both, geometry, weight, kappa, over_level, sums, job, n_f
             counts = larger(sign, zero - sign)
             # weight = softplus(logit) alike area sign
             logit, alike = load4(logits, at), exponential(kappa * (seen[0] - one))
-            of_weight = _gradients(of_weights, slot * n_faces + face, n_faces - face) * sign
+            of_weight = fours_at(of_weights, slot * n_faces + face, n_faces - face) * sign
             soft = softplus(logit)
             of_logit = of_weight * alike * area * logistic(logit)
             of_power = of_weight * soft * area * alike
@@ -242,7 +234,7 @@ def _of_corners(positions, corners, slots, of_normals, of_areas, of_own, returne
         vector, of_normal = cross(one, other), vector_sum((x, y, z), (u, v, w))
         length = square_root(inner(vector, vector))
         inverse = all4(_ONE) / larger(length, all4(_LEAST))
-        of_length = of_area + _gradients(of_areas, face, n_faces - face) - inner(of_normal, vector) * (inverse * inverse)
+        of_length = of_area + fours_at(of_areas, face, n_faces - face) - inner(of_normal, vector) * (inverse * inverse)
         # Below the least length that counts as a constant.
         along = where_larger(all4(_LEAST), length, all4(_ZERO), of_length / larger(length, all4(_TINY)))
         of_vector = vector_sum(scaled(of_normal, inverse), scaled(vector, along))

@@ -9,6 +9,7 @@ from torch.nn import functional
 from dmp.compiled.message_kernels import CHANNELS, LEAST_AREA_VECTOR
 from dmp.recorrupted.compiled_messages import tell
 from dmp.recorrupted.compiled_passes import serve
+from dmp.recorrupted.compiled_update import UpdateLayers, update
 from dmp.recorrupted.passes import average_normals, follow_normals
 from dmp.recorrupted.products import (
     Incidence,
@@ -16,7 +17,6 @@ from dmp.recorrupted.products import (
     gather_corners,
     gather_neighbour_rows,
     gather_neighbours,
-    linear_of_both,
 )
 
 _N_GEOMETRY = 5
@@ -55,14 +55,21 @@ class BilateralLayer(nn.Module):
     def forward(self, positions: Tensor, hidden: Tensor, incidence: Incidence, level: float) -> tuple[Tensor, Tensor]:
         """Return new positions, (V, 3), and new features of the faces, (F, H)."""
         weights, told, normals, areas = self.messages(positions, hidden, incidence, level)
-        first, activation, second = self.update
-        assert isinstance(first, nn.Linear)
-        hidden = self.norm(hidden + second(activation(linear_of_both(first, hidden, told))))
-
-        own = functional.softplus(self.own_weight(hidden))[:, 0] * areas
+        hidden, own, gates = self.updated(hidden, told, areas)
         normals = average_normals(own, weights, normals, incidence, self.normal_passes)
-        gates = torch.sigmoid(self.gate(hidden))[:, 0]
         return follow_normals(positions, normals, gates, incidence, self.vertex_passes), hidden
+
+    def updated(self, hidden: Tensor, told: Tensor, areas: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return new features (F, H), the faces' own weights (F,), and their gates (F,), as :meth:`messages` does."""
+        first, _, second = self.update
+        assert isinstance(first, nn.Linear)
+        assert isinstance(second, nn.Linear)
+        layers = UpdateLayers(first, second, self.norm, self.own_weight, self.gate)
+        if serve(hidden) and layers.are_served:
+            return update(hidden, told, areas, layers)
+        hidden = self.norm(hidden + self.update(torch.cat([hidden, told], dim=1)))
+        own = functional.softplus(self.own_weight(hidden))[:, 0] * areas
+        return hidden, own, torch.sigmoid(self.gate(hidden))[:, 0]
 
     def messages(
         self, positions: Tensor, hidden: Tensor, incidence: Incidence, level: float

@@ -160,6 +160,29 @@ def test_messages_are_those_of_torch(mesh: TriangleMesh) -> None:
     _agree(*found)
 
 
+@pytest.mark.parametrize("n_faces", [1, 4, 7, 600])
+def test_new_features_are_those_of_torch(n_faces: int) -> None:
+    torch.manual_seed(0)
+    layer = BilateralLayer(24, 12, 1, 1)
+    with torch.no_grad():
+        for parameter in layer.parameters():
+            parameter.add_(0.3 * torch.randn_like(parameter))
+    reference = copy.deepcopy(layer).double()
+    inputs = [torch.randn(n_faces, 24), torch.randn(n_faces, 12), torch.rand(n_faces) + 0.1]
+    names = [name for name, _ in layer.named_parameters() if name.startswith(("update", "norm", "own_weight", "gate"))]
+    found = []
+    for dtype, chosen in ((torch.float32, layer), (torch.float64, reference)):
+        given = [part.to(dtype).requires_grad_() for part in inputs]
+        results = chosen.updated(*given)
+        generator = torch.Generator().manual_seed(1)
+        total = sum((part * torch.randn(part.shape, generator=generator).to(dtype)).sum() for part in results)
+        assert isinstance(total, Tensor)
+        assert ("_Update" in type(results[0].grad_fn).__name__) == (dtype == torch.float32)
+        found.append([*results, *torch.autograd.grad(total, [*given, *map(chosen.get_parameter, names)])])
+    assert len(names) == 10
+    _agree(*found)
+
+
 def test_a_face_without_area_tells_finite_numbers() -> None:
     mesh = grid_mesh(4, height=0.3)
     vertices = mesh.vertices.copy()
