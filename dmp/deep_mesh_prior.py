@@ -12,7 +12,7 @@ from torch import Tensor
 
 from dmp.adam import Adam
 from dmp.captured_step import CapturedStep, CudaGraphRecorder, Recorder
-from dmp.devices import choose_device, cuda_products, has_fast_bfloat16
+from dmp.devices import choose_device, cuda_products, type_between_layers
 from dmp.errors import SettingsError, TrainingError
 from dmp.layers import convolution_maker, graph_for
 from dmp.losses import data_loss, laplacian_loss
@@ -22,16 +22,13 @@ from dmp.network import LAYOUTS, DisplacementNetwork
 from dmp.operators import to_torch
 from dmp.problem import Problem
 from dmp.renumbering import inverse_of, locality_order, renumbered
-from dmp.settings import Precision, Settings
+from dmp.settings import Settings
 from dmp.topology import adjacency
 from dmp.training import Training
 
 if TYPE_CHECKING:
     from dmp.layers.stack_buffers import StackBuffers
     from dmp.patches.gradients import PatchedNetwork
-
-# From so many channels in the widest layer on, bfloat16 was measured to be faster where the processor has products for it.
-_WIDE = 128
 
 
 class DeepMeshPrior(Training):
@@ -90,7 +87,7 @@ class DeepMeshPrior(Training):
         self._network = network.to(self.device)
         self._buffers: StackBuffers | None = None
         self._has_buffers = self.device.type == "cpu" and network.has_use_for_buffers
-        self._between_layers = _between_layers(settings.precision, max(layout.widths))
+        self._between_layers = type_between_layers(settings.precision, max(layout.widths))
         # Where the layers of the whole mesh find no room, this many vertices at a time; 0 for all at once.
         self._patch_vertices = patch_vertices_for(settings, n_vertices) if self._has_buffers else 0
         self._patched: PatchedNetwork | None = None
@@ -221,14 +218,6 @@ class DeepMeshPrior(Training):
 
     def _tensor(self, values: FloatArray) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32)).to(self.device)
-
-
-def _between_layers(precision: Precision, widest: int) -> torch.dtype:
-    """Return the type of the numbers that a network on the processor keeps between its layers."""
-    if precision == "auto":
-        # Narrower layers gain nothing that could be measured.
-        return torch.bfloat16 if widest >= _WIDE and has_fast_bfloat16() else torch.float32
-    return torch.bfloat16 if precision == "bfloat16" else torch.float32
 
 
 def _choose_held_out(problem: Problem, share: float, generator: np.random.Generator) -> IntArray:

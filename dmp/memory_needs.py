@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import math
 
-from dmp.devices import choose_device
+from dmp.devices import choose_device, type_between_layers
 from dmp.errors import SettingsError
 from dmp.layers.stack_sizes import bytes_of_whole_pass, bytes_per_vertex
 from dmp.memory import free_memory, gigabytes, held_memory
@@ -59,7 +59,7 @@ def memory_needed_in_patches(settings: Settings, n_vertices: int, patch_vertices
         patch_vertices: most vertices of a patch without its halo.
     """
     widths = LAYOUTS[settings.architecture].divided(settings.width_divisor).widths
-    each = bytes_of_whole_pass(widths, value_bytes=_value_bytes(settings)) + _BESIDE_LAYERS + _MATRICES_OF_PATCHES
+    each = bytes_of_whole_pass(widths, value_bytes=_value_bytes(settings, max(widths))) + _BESIDE_LAYERS + _MATRICES_OF_PATCHES
     core = min(n_vertices, patch_vertices)
     # A disc of N vertices, of an area of sqrt(3)/2 each, and a ring around it as wide as there are layers.
     radius = math.sqrt(core * math.sqrt(0.75) / math.pi)
@@ -139,7 +139,7 @@ def usable_memory(settings: Settings) -> float | None:
 def _of_layers(settings: Settings, *, keep_outputs: bool) -> float:
     """Return what the layers of Deep Mesh Prior take for each vertex."""
     widths = LAYOUTS[settings.architecture].divided(settings.width_divisor).widths
-    value_bytes = _value_bytes(settings)
+    value_bytes = _value_bytes(settings, max(widths))
     kept = keep_outputs or not _has_buffers(settings)
     each = float(bytes_per_vertex(settings.input_channels, widths, value_bytes=value_bytes, keep_outputs=kept))
     each += value_bytes * max(widths)
@@ -148,8 +148,8 @@ def _of_layers(settings: Settings, *, keep_outputs: bool) -> float:
     return each
 
 
-def _value_bytes(settings: Settings) -> int:
-    return 2 if settings.precision == "bfloat16" and _has_buffers(settings) else 4
+def _value_bytes(settings: Settings, widest: int) -> int:
+    return type_between_layers(settings.precision, widest).itemsize if _has_buffers(settings) else 4
 
 
 def _has_buffers(settings: Settings) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,21 +85,22 @@ def test_what_will_not_fit_is_refused_with_numbers_and_a_remedy(free: Callable[[
     with pytest.raises(SettingsError, match=r"Use --preset compact"):
         check_memory(settings_for("denoise", "paper", device="cpu"), 1_000_000)
     with pytest.raises(SettingsError, match=r"--memory 1 leaves 0.6 GB. Use --memory [12]\.\d or more."):
-        check_memory(settings_for("denoise", "compact", memory=1, device="cpu"), 100_000)
+        check_memory(settings_for("denoise", "compact", memory=1, device="cpu", precision="float32"), 100_000)
 
 
 def test_a_suggested_bound_and_a_suggested_size_are_accepted(free: Callable[[float], None]) -> None:
     free(6)
     for bound, size in ((1.0, 100_000), (0.0, 5_000_000)):
+        settings = settings_for("denoise", "compact", memory=bound, device="cpu", precision="float32")
         with pytest.raises(SettingsError) as caught:
-            check_memory(settings_for("denoise", "compact", memory=bound, device="cpu"), size)
+            check_memory(settings, size)
         words = str(caught.value).split()
         if bound:
-            check_memory(settings_for("denoise", "compact", memory=float(words[words.index("Use") + 2]), device="cpu"), size)
+            check_memory(replace(settings, memory=float(words[words.index("Use") + 2])), size)
         else:
             fitting = int(words[words.index("vertices", 10) - 1].replace(",", ""))
             assert fitting > 100_000
-            check_memory(settings_for("denoise", "compact", device="cpu"), fitting)
+            check_memory(settings, fitting)
 
 
 def test_a_training_and_its_command_are_refused_before_they_begin(
