@@ -81,9 +81,9 @@ def test_what_will_not_fit_is_refused_with_numbers_and_a_remedy(free: Callable[[
     free(6)
     check_memory(settings_for("denoise", "compact"), 100_000)
     with pytest.raises(SettingsError, match=r"4,000,000 vertices.*needs about \d+ GB; 6.0 GB are free.*reduce the mesh"):
-        check_memory(settings_for("denoise", "paper", device="cpu"), 4_000_000)
+        check_memory(settings_for("denoise", "paper", device="cpu", precision="float32"), 4_000_000)
     with pytest.raises(SettingsError, match=r"Use --preset compact"):
-        check_memory(settings_for("denoise", "paper", device="cpu"), 1_000_000)
+        check_memory(settings_for("denoise", "paper", device="cpu", precision="float32"), 1_000_000)
     with pytest.raises(SettingsError, match=r"--memory 1 leaves 0.6 GB. Use --memory [12]\.\d or more."):
         check_memory(settings_for("denoise", "compact", memory=1, device="cpu", precision="float32"), 100_000)
 
