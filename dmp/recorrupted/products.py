@@ -29,7 +29,7 @@ class Incidence:
         neighbours: face in each slot, (3 F,), slot by slot; see :class:`dmp.recorrupted.face_graph.FaceGraph`.
         back: slot that leads back, (3 F,).
         signs: (3, F, 1).
-        complete: whether no slot is empty.
+        complete: whether no slot is empty, and no neighbour is turned the other way.
         face_rows: row starts of a CSR matrix with four entries a face: itself and its slots, (F + 1,) int32.
         face_columns: their columns, (4 F,) int32.
     """
@@ -76,7 +76,7 @@ class Incidence:
             neighbours=torch.from_numpy(graph.neighbours.reshape(-1)).to(device),
             back=torch.from_numpy(graph.back.reshape(-1)).to(device),
             signs=torch.from_numpy(graph.signs[:, :, None]).float().to(device),
-            complete=bool(graph.signs.all()),
+            complete=bool((graph.signs > 0).all()),
             face_rows=torch.arange(0, 4 * len(faces) + 1, 4, dtype=torch.int32, device=device),
             face_columns=torch.from_numpy(columns.astype(np.int32)).to(device),
         )

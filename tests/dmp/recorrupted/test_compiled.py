@@ -252,3 +252,20 @@ def test_a_step_leaves_nothing_behind() -> None:
         assert [reference() for reference in left] == [None, None, None]
     finally:
         gc.enable()
+
+
+def test_a_face_turned_over_in_a_closed_mesh_is_as_alike_to_its_neighbours_as_before() -> None:
+    mesh, layer = sphere_mesh(2), BilateralLayer(24, 12, 1, 1)
+    turned = mesh.faces.copy()
+    turned[5] = turned[5, ::-1]
+    cosines = []
+    for faces in (mesh.faces, turned):
+        other = TriangleMesh(mesh.vertices, faces)
+        incidence = _incidence(other)
+        normals = torch.from_numpy(face_normals(other.vertices, other.faces)).float()
+        centres = torch.from_numpy(mesh.vertices[faces].mean(axis=1)).float()
+        geometry, _ = layer._geometry(normals, centres, torch.ones(len(faces)), incidence, 1.0)
+        # Slots follow the edges of a face, which a turned face has in another order.
+        cosines.append(geometry[:, :, 0].sort(dim=0).values)
+    assert torch.allclose(*cosines, atol=1e-6)
+    assert cosines[0].min() > 0
