@@ -13,7 +13,7 @@ from dmp.network import LAYOUTS
 from dmp.settings import Settings, settings_for
 
 # Bytes for each vertex beside the layers: mesh, base, sparse matrices, losses, what is shown; measured, see docs/benchmarks.md.
-_BESIDE_LAYERS = 1_700
+_BESIDE_LAYERS = 1_300
 # What the other methods take for each vertex in all, measured likewise; the last keeps 150 sets of made-up holes, of which the
 # measurement had made 3, and 12,000 bytes are added for the others.
 _RECORRUPTED, _MADE_UP_HOLES = 7_000, 26_000
@@ -142,7 +142,6 @@ def _of_layers(settings: Settings, *, keep_outputs: bool) -> float:
     value_bytes = _value_bytes(settings, max(widths))
     kept = keep_outputs or not _has_buffers(settings)
     each = float(bytes_per_vertex(settings.input_channels, widths, value_bytes=value_bytes, keep_outputs=kept))
-    each += value_bytes * max(widths)
     if not _has_buffers(settings):
         each *= _PLAIN_LAYERS * (settings.gmm_kernels if settings.convolution.startswith("gmm") else 1)
     return each
