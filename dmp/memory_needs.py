@@ -20,7 +20,7 @@ _RECORRUPTED, _MADE_UP_HOLES = 7_000, 26_000
 # Independent of the mesh: modules that are loaded late, weights, and the allocator's slack.
 _IN_ANY_CASE = 200_000_000
 # Automatic derivatives keep more between the layers than buffers do; a mixture has products for each of its kernels.
-_PLAIN_LAYERS = 1.6
+_PLAIN_LAYERS = 1.9
 # Vertices of a patch without its halo, where the layers of the whole mesh find no room: as many as fit. The more, the less is
 # computed twice.
 _PATCHES = (200_000, 100_000, 50_000, 20_000)
