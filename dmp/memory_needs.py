@@ -5,6 +5,7 @@ from __future__ import annotations
 import bisect
 import math
 
+from dmp.compiled.packed_weights import packing_for
 from dmp.devices import choose_device, type_between_layers
 from dmp.errors import SettingsError
 from dmp.layers.stack_sizes import bytes_of_whole_pass, bytes_per_vertex
@@ -139,12 +140,14 @@ def usable_memory(settings: Settings) -> float | None:
 def _of_layers(settings: Settings, *, keep_outputs: bool) -> float:
     """Return what the layers of Deep Mesh Prior take for each vertex."""
     widths = LAYOUTS[settings.architecture].divided(settings.width_divisor).widths
-    value_bytes = _value_bytes(settings, max(widths))
-    kept = keep_outputs or not _has_buffers(settings)
-    each = float(bytes_per_vertex(settings.input_channels, widths, value_bytes=value_bytes, keep_outputs=kept))
     if not _has_buffers(settings):
-        each *= _PLAIN_LAYERS * (settings.gmm_kernels if settings.convolution.startswith("gmm") else 1)
-    return each
+        each = _PLAIN_LAYERS * bytes_per_vertex(settings.input_channels, widths)
+        return each * (settings.gmm_kernels if settings.convolution.startswith("gmm") else 1)
+    dtype = type_between_layers(settings.precision, max(widths))
+    fused = packing_for(dtype) is not None
+    return float(
+        bytes_per_vertex(settings.input_channels, widths, value_bytes=dtype.itemsize, keep_outputs=keep_outputs, fused=fused)
+    )
 
 
 def _value_bytes(settings: Settings, widest: int) -> int:

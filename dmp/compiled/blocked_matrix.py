@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
@@ -24,6 +27,11 @@ class Sweep:
         queue: blocks without neighbours outside their part, part by part, in the order in which their last neighbour comes.
         highest: largest column in each block, (blocks,) int32.
         others: all other blocks.
+        other_starts: where those begin in ``others`` that each part is to finish, (parts + 1,) int32.
+        n_slots: places for blocks of rows that are enough where a place is given to another block as soon as nothing more is
+            wanted of the rows there.
+        slots: the place of each block, (blocks,) int32.
+        columns: the columns of the matrix, counted by these places, int32.
     """
 
     bounds: NDArray[np.int32]
@@ -31,6 +39,10 @@ class Sweep:
     queue: NDArray[np.int32]
     highest: NDArray[np.int32]
     others: NDArray[np.int32]
+    other_starts: NDArray[np.int32]
+    n_slots: int
+    slots: NDArray[np.int32]
+    columns: NDArray[np.int32]
 
     @property
     def n_parts(self) -> int:
@@ -82,10 +94,44 @@ class BlockedMatrix:
         inside = np.flatnonzero(is_inside)
         queue = inside[np.lexsort((self._highest[inside], part_of_block[inside]))].astype(np.int32)
         counts = np.bincount(part_of_block[inside], minlength=parts)
+        others = np.flatnonzero(~is_inside).astype(np.int32)
+        queue_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        slots, n_slots = self._slots(block_bounds, queue_starts, queue, others)
+        columns = self._columns.numpy()
         return Sweep(
             bounds=bounds,
-            queue_starts=np.concatenate([[0], np.cumsum(counts)]).astype(np.int32),
+            queue_starts=queue_starts,
             queue=queue,
             highest=self._highest,
-            others=np.flatnonzero(~is_inside).astype(np.int32),
+            others=others,
+            other_starts=(np.arange(parts + 1) * len(others) // parts).astype(np.int32),
+            n_slots=n_slots,
+            slots=slots,
+            columns=slots[columns // ROWS] * np.int32(ROWS) + columns % ROWS,
         )
+
+    def _slots(
+        self, block_bounds: NDArray[Any], queue_starts: NDArray[Any], queue: NDArray[Any], others: NDArray[Any]
+    ) -> tuple[NDArray[np.int32], int]:
+        """Return a place for each block of rows, and the number of places."""
+        first, last = self._lowest // ROWS, self._highest // ROWS
+        # For each block that after whose beginning nothing more is wanted of it.
+        wanted_until = self.all_blocks.copy()
+        for block in queue:
+            wanted = slice(first[block], last[block] + 1)
+            wanted_until[wanted] = np.maximum(wanted_until[wanted], last[block])
+        for block in others:
+            wanted_until[first[block] : last[block] + 1] = self.n_blocks
+        slots, n_slots = np.zeros(self.n_blocks, dtype=np.int32), 0
+        for begin, end in pairwise(block_bounds):
+            # The place left last is the one that is still in the cache.
+            free: list[int] = []
+            leaving: dict[int, list[int]] = defaultdict(list)
+            for block in range(begin, end):
+                if not free:
+                    free.append(n_slots)
+                    n_slots += 1
+                slots[block] = free.pop()
+                leaving[wanted_until[block]].append(slots[block])
+                free += leaving.pop(block, [])
+        return slots, n_slots

@@ -1,11 +1,11 @@
-"""Kernels that go through a layer in one sweep over the vertices, the product with its weights included.
+"""The kernel that goes through all layers, the products with their weights included, in one launch.
 
-For float32, and where :mod:`dmp.compiled.packed_weights` has a product. Rows are used while they are in the cache: each kind of
-layer and each direction has a kernel that sweeps over parts of the rows and finishes a block as soon as the rows of all its
-neighbours are there, and one, with the same arguments, that then finishes the blocks with neighbours in other parts.
-
-A job is: number of the next part, number of parts; starts, columns and values of P; bounds, queue starts, queue and highest of
-the sweep (for the second kernel: the blocks in place of the bounds); V; then addresses and sizes as each pair of kernels says.
+For float32, and where :mod:`dmp.compiled.packed_weights` has a product. Its phases are rows of a table of int64, which
+:mod:`dmp.compiled.fused_stack` writes. Rows of a layer are used while they are in the cache: a sweep goes over parts of the
+vertices and finishes a block of them as soon as the rows of all its neighbours are there; what has neighbours in other parts
+comes in a second phase. Nothing is kept that is cheaper to make again: backward a block of the former y comes from its z, which
+is needed there anyway, and is multiplied into the gradient of the weights at once. What only neighbours ask for lies in places
+that are given to other blocks as soon as nobody asks any more.
 """
 
 # Numba has no types for mypy, and its compiler reads signatures from values.
@@ -13,215 +13,325 @@ the sweep (for the second kernel: the blocks in place of the bounds); V; then ad
 from __future__ import annotations
 
 from dmp.compiled.kernel import kernel
-from dmp.compiled.pointers import floats, multiply_rows, numbers, row_function, take_next
-from dmp.compiled.stack_rows import ROWS, activate_rows, derive_rows, gather_rows, moments_rows, sums_rows
+from dmp.compiled.phases import FIRST_ARGUMENT, next_part, part_is_done
+from dmp.compiled.pointers import add_product, doubles, floats, multiply_rows, numbers, pack_weights, row_function, words
+from dmp.compiled.stack_rows import (
+    ROWS,
+    activate_rows,
+    derive_rows,
+    gather_rows,
+    join_moments,
+    join_sums,
+    moments_rows,
+    sums_rows,
+)
 
-_SIZE = 4  # bytes of a float32
+# What is done in a phase.
+SWEEP, FINISH, ACTIVATE, SUMS, JOIN_MOMENTS, JOIN_SUMS, PACK, ADD_UP = range(8)
+# The ways through a layer: forward and backward, where the product with the weights comes before P, and where P comes first.
+FORWARD_MULTIPLYING, FORWARD_GATHERING, BACKWARD_MULTIPLYING, BACKWARD_GATHERING = range(4)
 
+# What stands where in a phase; addresses, but for kind, way, sizes and mask. All that does not apply is 0.
+SLOTS = (
+    *("kind", "way", "n_rows", "n_in", "n_out"),
+    # P; which rows belong to a part, which blocks are finished in it, and the largest column of each of all blocks.
+    *("starts", "columns", "values", "bounds", "queue_starts", "queue", "highest"),
+    # Places for blocks, and which of them each block has; a place of its own for each part, and its bytes.
+    *("places", "slots", "own", "own_bytes"),
+    # The function that multiplies, and packed weights.
+    *("multiply", "packed"),
+    # What comes before: z and by what it is normalised; or the features, before the first layer.
+    *("z_before", "mean_before", "scale_before", "beta_before", "features"),
+    # The layer: z, by what it is normalised, and numbers for the gradient of z.
+    *("z", "mean", "scale", "beta", "slope", "constant", "over_deviation", "gamma"),
+    # P y, where P comes first; sums of blocks, and room for adding them up.
+    *("gathered", "first_sums", "second_sums", "joined"),
+    # Gradients: of y, of the y before, of gamma and beta, of the weights, and what other parts than the first add to those.
+    *("of_y", "of_before", "of_gamma", "of_beta", "of_weight", "of_weight_others", "others_bytes"),
+    # The output; for packing: function, weights (address, packed, in, out, order of MKL) and their number.
+    *("output", "pack", "weights", "n_weights"),
+)
+(
+    _KIND, _WAY, _N_ROWS, _IN, _OUT,
+    _STARTS, _COLUMNS, _VALUES, _BOUNDS, _QUEUE_STARTS, _QUEUE, _HIGHEST,
+    _PLACES, _SLOTS, _OWN, _OWN_BYTES,
+    _MULTIPLY, _PACKED,
+    _Z_BEFORE, _MEAN_BEFORE, _SCALE_BEFORE, _BETA_BEFORE, _FEATURES,
+    _Z, _MEAN, _SCALE, _BETA, _SLOPE, _CONSTANT, _OVER_DEVIATION, _GAMMA,
+    _GATHERED, _FIRST_SUMS, _SECOND_SUMS, _JOINED,
+    _OF_Y, _OF_BEFORE, _OF_GAMMA, _OF_BETA, _OF_WEIGHT, _OF_WEIGHT_OTHERS, _OTHERS_BYTES,
+    _OUTPUT, _PACK, _WEIGHTS, _N_WEIGHTS,
+) = range(len(SLOTS))  # fmt: skip
 
-# -- forward ------------------------------------------------------------------------------------------------------
+# Numbers that describe a matrix of weights to be packed.
+WEIGHT_WORDS = 5
 
-
-@row_function
-def _gather_block(job, x, y, block, channels):
-    first, last = block * ROWS, min(job[9], block * ROWS + ROWS)
-    gather_rows(numbers(job[2]), numbers(job[3]), floats(job[4]), floats(x), floats(y), first, last, channels)
-
-
-@row_function
-def _moments_block(job, z, means, squares, block, channels):
-    first, last = block * ROWS, min(job[9], block * ROWS + ROWS)
-    place = _SIZE * block * channels
-    moments_rows(floats(z), floats(means + place), floats(squares + place), first, last, channels)
-
-
-@row_function
-def _multiply_block(function, packed, x, y, block, n_in, n_out):
-    # Always whole blocks, as the weights were packed for; there is room for them behind the last row.
-    at = _SIZE * ROWS * block
-    multiply_rows(function, ROWS, x + at * n_in, packed, y + at * n_out, n_in, n_out)
-
-
-@row_function
-def _finish_multiplied(job, block):
-    _gather_block(job, job[17], job[18], block, job[22])
-    _moments_block(job, job[18], job[19], job[20], block, job[22])
-
-
-@kernel
-def activate_multiply_gather(job):
-    """The z before, mean, scale, beta, y before, function, weights, product, z, means, squares, in, out.
-
-    A layer that multiplies first: y for the z before, its product with the weights, z = P times that, and the moments of z; see
-    :func:`gather_multiplied`.
-    """
-    queue_starts, queue, highest = numbers(job[6]), numbers(job[7]), numbers(job[8])
-    while True:
-        part = take_next(job)
-        if part >= job[1]:
-            break
-        bounds = numbers(job[5])
-        k, end = queue_starts[part], bounds[part + 1]
-        for row in range(bounds[part], end, ROWS):
-            last = min(end, row + ROWS)
-            activate_rows(
-                floats(job[10]), floats(job[14]), floats(job[11]), floats(job[12]), floats(job[13]), row, last, job[21]
-            )  # fmt: skip
-            _multiply_block(job[15], job[16], job[14], job[17], row // ROWS, job[21], job[22])
-            while k < queue_starts[part + 1] and highest[queue[k]] < last:
-                _finish_multiplied(job, queue[k])
-                k += 1
-
-
-@kernel
-def gather_multiplied(job):
-    """The same for the blocks that are left: z and its moments."""
-    blocks = numbers(job[5])
-    while True:
-        part = take_next(job)
-        if part >= job[1]:
-            break
-        _finish_multiplied(job, blocks[part])
+_SIZE, _WORD_SIZE = 4, 8  # bytes of a float32 and of an int64
+_PHASE_BYTES = _WORD_SIZE * len(SLOTS)
+# Channels and weights are divided among the parts by whole vectors.
+_LANES = 16
 
 
 @row_function
-def _finish_gathered(job, block):
-    _gather_block(job, job[14], job[17], block, job[21])
-    _multiply_block(job[15], job[16], job[17], job[18], block, job[21], job[22])
-    _moments_block(job, job[18], job[19], job[20], block, job[22])
-
-
-@kernel
-def activate_gather_multiply(job):
-    """The same arguments, with P y in place of the product.
-
-    A layer that gathers first: y for the z before, P y, z = that times the weights, and the moments of z; see
-    :func:`gather_and_multiply`.
-    """
-    queue_starts, queue, highest = numbers(job[6]), numbers(job[7]), numbers(job[8])
-    while True:
-        part = take_next(job)
-        if part >= job[1]:
-            break
-        bounds = numbers(job[5])
-        k, end = queue_starts[part], bounds[part + 1]
-        for row in range(bounds[part], end, ROWS):
-            last = min(end, row + ROWS)
-            activate_rows(
-                floats(job[10]), floats(job[14]), floats(job[11]), floats(job[12]), floats(job[13]), row, last, job[21]
-            )  # fmt: skip
-            while k < queue_starts[part + 1] and highest[queue[k]] < last:
-                _finish_gathered(job, queue[k])
-                k += 1
-
-
-@kernel
-def gather_and_multiply(job):
-    """The same for the blocks that are left: P y, z, and its moments."""
-    blocks = numbers(job[5])
-    while True:
-        part = take_next(job)
-        if part >= job[1]:
-            break
-        _finish_gathered(job, blocks[part])
-
-
-# -- backward -----------------------------------------------------------------------------------------------------
+def _at(address, row, channels):
+    return address + _SIZE * row * channels
 
 
 @row_function
-def _sums_block(job, g, block, channels):
-    first, last = block * ROWS, min(job[9], block * ROWS + ROWS)
-    place = _SIZE * block * channels
-    sums_rows(
-        floats(g), floats(job[21]), floats(job[22]), floats(job[23]), floats(job[24]),
-        floats(job[25] + place), floats(job[26] + place), first, last, channels,
+def _own(job, part, number):
+    """Return where one of the two blocks begins that a part has for itself."""
+    return job[_OWN] + (2 * part + number) * job[_OWN_BYTES]
+
+
+@row_function
+def _last(job, first):
+    return min(job[_N_ROWS], first + ROWS)
+
+
+@row_function
+def _place(job, first, channels):
+    """Return the place of a block where its neighbours look for it."""
+    return _at(job[_PLACES], numbers(job[_SLOTS])[first // ROWS] * ROWS, channels)
+
+
+@row_function
+def _share(part, parts, count):
+    """Return the first of ``count`` numbers of a part, and the one after its last."""
+    vectors = (count + _LANES - 1) // _LANES
+    return min(count, part * vectors // parts * _LANES), min(count, (part + 1) * vectors // parts * _LANES)
+
+
+@row_function
+def _activate_before(job, first, place):
+    """Write the y before of a block to ``place``."""
+    channels = job[_IN]
+    activate_rows(
+        floats(job[_Z_BEFORE]), floats(_at(place, -first, channels)),
+        floats(job[_MEAN_BEFORE]), floats(job[_SCALE_BEFORE]), floats(job[_BETA_BEFORE]), first, _last(job, first), channels,
     )  # fmt: skip
 
 
 @row_function
-def _derive_block(job, first, last):
+def _derive(job, first, place):
+    """Write the gradient of z of a block to ``place``."""
+    channels = job[_OUT]
     derive_rows(
-        floats(job[10]), floats(job[11]), floats(job[12]), floats(job[13]), floats(job[14]), floats(job[15]), floats(job[16]),
-        first, last, job[28],
+        floats(job[_OF_Y]), floats(job[_Z]), floats(_at(place, -first, channels)), floats(job[_MEAN]), floats(job[_SCALE]),
+        floats(job[_BETA]), floats(job[_SLOPE]), floats(job[_CONSTANT]), first, _last(job, first), channels,
     )  # fmt: skip
 
 
 @row_function
-def _finish_spread(job, block):
-    _gather_block(job, job[10], job[19], block, job[28])
-    _multiply_block(job[17], job[18], job[19], job[20], block, job[28], job[27])
-    _sums_block(job, job[20], block, job[27])
-
-
-@kernel
-def derive_gather_multiply(job):
-    """The g, z, mean, scale, beta, slope, constant; function, weights, P g; g and z before, mean, scale, beta; sums; in, out.
-
-    Backward through a layer that multiplies first: the gradient of z over that of y, P times that, that times the transposed
-    weights, which is the gradient of the y before, and its sums; see :func:`gather_multiply_sums`.
-    """
-    queue_starts, queue, highest = numbers(job[6]), numbers(job[7]), numbers(job[8])
-    while True:
-        part = take_next(job)
-        if part >= job[1]:
-            break
-        bounds = numbers(job[5])
-        k, end = queue_starts[part], bounds[part + 1]
-        for row in range(bounds[part], end, ROWS):
-            last = min(end, row + ROWS)
-            _derive_block(job, row, last)
-            while k < queue_starts[part + 1] and highest[queue[k]] < last:
-                _finish_spread(job, queue[k])
-                k += 1
-
-
-@kernel
-def gather_multiply_sums(job):
-    """The same for the blocks that are left."""
-    blocks = numbers(job[5])
-    while True:
-        part = take_next(job)
-        if part >= job[1]:
-            break
-        _finish_spread(job, blocks[part])
+def _gather(job, first, place, channels):
+    """Write P times what lies in the places to ``place``, for a block."""
+    gather_rows(
+        numbers(job[_STARTS]), numbers(job[_COLUMNS]), floats(job[_VALUES]), floats(job[_PLACES]),
+        floats(_at(place, -first, channels)), first, _last(job, first), channels,
+    )  # fmt: skip
 
 
 @row_function
-def _finish_back(job, block):
-    _gather_block(job, job[19], job[20], block, job[27])
-    _sums_block(job, job[20], block, job[27])
+def _multiply(job, x, y, n_in, n_out):
+    # Always whole blocks, as the weights were packed for; there is room for them behind the last row.
+    multiply_rows(job[_MULTIPLY], ROWS, x, job[_PACKED], y, n_in, n_out)
+
+
+@row_function
+def _moments(job, first):
+    channels = job[_OUT]
+    place = _at(0, first // ROWS, channels)
+    moments_rows(
+        floats(job[_Z]), floats(job[_FIRST_SUMS] + place), floats(job[_SECOND_SUMS] + place),
+        first, _last(job, first), channels,
+    )  # fmt: skip
+
+
+@row_function
+def _sums_before(job, first):
+    channels = job[_IN]
+    place = _at(0, first // ROWS, channels)
+    sums_rows(
+        floats(job[_OF_BEFORE]), floats(job[_Z_BEFORE]), floats(job[_MEAN_BEFORE]), floats(job[_SCALE_BEFORE]),
+        floats(job[_BETA_BEFORE]), floats(job[_FIRST_SUMS] + place), floats(job[_SECOND_SUMS] + place),
+        first, _last(job, first), channels,
+    )  # fmt: skip
+
+
+@row_function
+def _of_weight(job, part):
+    """Return where a part adds to the gradient of the weights."""
+    return job[_OF_WEIGHT] if part == 0 else job[_OF_WEIGHT_OTHERS] + (part - 1) * job[_OTHERS_BYTES]
+
+
+@row_function
+def _add_to_weights(job, part, first, features, gradient):
+    """Add what a block gives to the gradient of the weights: the transposed features times the gradient of their product."""
+    rows = _last(job, first) - first
+    add_product(job[_MULTIPLY], rows, features, gradient, _of_weight(job, part), job[_IN], job[_OUT])
+
+
+@row_function
+def _before(job, part, first):
+    """Return where the y before of a block lies, made for the purpose, or the features before the first layer."""
+    if job[_Z_BEFORE] == 0:
+        return _at(job[_FEATURES], first, job[_IN])
+    place = _own(job, part, 0)
+    _activate_before(job, first, place)
+    return place
+
+
+@row_function
+def _begin(job, part, first):
+    """Do all with a block that needs no other: write what its neighbours ask for to its place."""
+    n_in, n_out = job[_IN], job[_OUT]
+    if job[_WAY] == FORWARD_MULTIPLYING:
+        _multiply(job, _before(job, part, first), _place(job, first, n_out), n_in, n_out)
+    elif job[_WAY] == FORWARD_GATHERING:
+        _activate_before(job, first, _place(job, first, n_in))
+    elif job[_WAY] == BACKWARD_MULTIPLYING:
+        _derive(job, first, _place(job, first, n_out))
+    else:
+        of_z = _own(job, part, 0)
+        _derive(job, first, of_z)
+        # The features before the first layer have a gradient only where that is asked for.
+        if job[_OF_BEFORE] != 0:
+            _multiply(job, of_z, _place(job, first, n_in), n_out, n_in)
+        _add_to_weights(job, part, first, _at(job[_GATHERED], first, n_in), of_z)
+
+
+@row_function
+def _finish(job, part, first):
+    """Do the rest with a block whose neighbours' rows are in their places."""
+    n_in, n_out = job[_IN], job[_OUT]
+    if job[_WAY] == FORWARD_MULTIPLYING:
+        _gather(job, first, _at(job[_Z], first, n_out), n_out)
+        _moments(job, first)
+    elif job[_WAY] == FORWARD_GATHERING:
+        gathered = _at(job[_GATHERED], first, n_in)
+        _gather(job, first, gathered, n_in)
+        _multiply(job, gathered, _at(job[_Z], first, n_out), n_in, n_out)
+        _moments(job, first)
+    elif job[_WAY] == BACKWARD_MULTIPLYING:
+        spread = _own(job, part, 1)
+        _gather(job, first, spread, n_out)
+        if job[_OF_BEFORE] != 0:
+            _multiply(job, spread, _at(job[_OF_BEFORE], first, n_in), n_out, n_in)
+        if job[_Z_BEFORE] != 0:
+            _sums_before(job, first)
+        _add_to_weights(job, part, first, _before(job, part, first), spread)
+    elif job[_OF_BEFORE] != 0:
+        _gather(job, first, _at(job[_OF_BEFORE], first, n_in), n_in)
+        if job[_Z_BEFORE] != 0:
+            _sums_before(job, first)
+
+
+@row_function
+def _sweep(job, part):
+    """Begin all blocks of a part, and finish those that have all their neighbours in it."""
+    bounds, queue_starts, queue, highest = (
+        numbers(job[_BOUNDS]), numbers(job[_QUEUE_STARTS]), numbers(job[_QUEUE]), numbers(job[_HIGHEST])
+    )  # fmt: skip
+    if job[_WAY] >= BACKWARD_MULTIPLYING:
+        of_weight = floats(_of_weight(job, part))
+        for i in range(job[_IN] * job[_OUT]):
+            of_weight[i] = 0
+    k = queue_starts[part]
+    for first in range(bounds[part], bounds[part + 1], ROWS):
+        _begin(job, part, first)
+        while k < queue_starts[part + 1] and highest[queue[k]] < first + ROWS:
+            _finish(job, part, queue[k] * ROWS)
+            k += 1
+
+
+@row_function
+def _finish_others(job, part):
+    """Finish blocks in the queue, all of whose neighbours are there."""
+    queue_starts, queue = numbers(job[_QUEUE_STARTS]), numbers(job[_QUEUE])
+    for k in range(queue_starts[part], queue_starts[part + 1]):
+        _finish(job, part, queue[k] * ROWS)
+
+
+@row_function
+def _join_moments(job, part, parts):
+    """From sums of blocks: mean and 1 / deviation of z, and gamma over the deviation."""
+    channels = job[_OUT]
+    first, last = _share(part, parts, channels)
+    gamma, scale, over_deviation = floats(job[_GAMMA]), floats(job[_SCALE]), floats(job[_OVER_DEVIATION])
+    join_moments(
+        floats(job[_FIRST_SUMS]), floats(job[_SECOND_SUMS]), doubles(job[_JOINED]), floats(job[_MEAN]), over_deviation,
+        job[_N_ROWS], channels, first, last,
+    )  # fmt: skip
+    for c in range(first, last):
+        scale[c] = gamma[c] * over_deviation[c]
+
+
+@row_function
+def _join_sums(job, part, parts):
+    """From sums of blocks: gradients of gamma and beta, and numbers for the gradient of z."""
+    channels = job[_OUT]
+    first, last = _share(part, parts, channels)
+    join_sums(
+        floats(job[_FIRST_SUMS]), floats(job[_SECOND_SUMS]), doubles(job[_JOINED]), floats(job[_OVER_DEVIATION]),
+        floats(job[_SCALE]), floats(job[_OF_GAMMA]), floats(job[_OF_BETA]), floats(job[_SLOPE]), floats(job[_CONSTANT]),
+        job[_N_ROWS], channels, first, last,
+    )  # fmt: skip
+
+
+@row_function
+def _pack(job, part, parts):
+    """Pack every so many-th matrix of weights."""
+    for number in range(part, job[_N_WEIGHTS], parts):
+        weight = words(job[_WEIGHTS] + _WORD_SIZE * WEIGHT_WORDS * number)
+        pack_weights(job[_PACK], ROWS, weight[0], weight[1], weight[2], weight[3], weight[4])
+
+
+@row_function
+def _add_up(job, part, parts):
+    """Add what the other parts have for the gradient of the weights to what the first one has."""
+    total = floats(job[_OF_WEIGHT])
+    first, last = _share(part, parts, job[_OTHERS_BYTES] // _SIZE)
+    for other in range(parts - 1):
+        more = floats(job[_OF_WEIGHT_OTHERS] + other * job[_OTHERS_BYTES])
+        for i in range(first, last):
+            total[i] += more[i]
+
+
+@row_function
+def _over_blocks(job, part, parts):
+    """Write the output of the last layer, or the sums for its gradient."""
+    blocks = (job[_N_ROWS] + ROWS - 1) // ROWS
+    for block in range(part * blocks // parts, (part + 1) * blocks // parts):
+        if job[_KIND] == ACTIVATE:
+            _activate_before(job, block * ROWS, _at(job[_OUTPUT], block * ROWS, job[_IN]))
+        else:
+            _sums_before(job, block * ROWS)
+
+
+@row_function
+def _do(job, part, parts):
+    kind = job[_KIND]
+    if kind == SWEEP:
+        _sweep(job, part)
+    elif kind == FINISH:
+        _finish_others(job, part)
+    elif kind == JOIN_MOMENTS:
+        _join_moments(job, part, parts)
+    elif kind == JOIN_SUMS:
+        _join_sums(job, part, parts)
+    elif kind == PACK:
+        _pack(job, part, parts)
+    elif kind == ADD_UP:
+        _add_up(job, part, parts)
+    else:
+        _over_blocks(job, part, parts)
 
 
 @kernel
-def derive_multiply_gather(job):
-    """The same arguments, with the product in place of P g.
-
-    Backward through a layer that gathers first: the gradient of z over that of y, that times the transposed weights, P times
-    that, which is the gradient of the y before, and its sums; see :func:`gather_sums_blocks`.
-    """
-    queue_starts, queue, highest = numbers(job[6]), numbers(job[7]), numbers(job[8])
+def run_phases(job):
+    """Table of phases: do all of them."""
     while True:
-        part = take_next(job)
-        if part >= job[1]:
+        phase, part = next_part(job)
+        if phase < 0:
             break
-        bounds = numbers(job[5])
-        k, end = queue_starts[part], bounds[part + 1]
-        for row in range(bounds[part], end, ROWS):
-            last = min(end, row + ROWS)
-            _derive_block(job, row, last)
-            _multiply_block(job[17], job[18], job[10], job[19], row // ROWS, job[28], job[27])
-            while k < queue_starts[part + 1] and highest[queue[k]] < last:
-                _finish_back(job, queue[k])
-                k += 1
-
-
-@kernel
-def gather_sums_blocks(job):
-    """The same for the blocks that are left."""
-    blocks = numbers(job[5])
-    while True:
-        part = take_next(job)
-        if part >= job[1]:
-            break
-        _finish_back(job, blocks[part])
+        _do(words(job[FIRST_ARGUMENT] + phase * _PHASE_BYTES), part, job[1])
+        part_is_done(job)

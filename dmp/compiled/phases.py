@@ -37,6 +37,11 @@ def launch_phases(kernel: Kernel, phases: int, size: int, *arguments: int) -> No
     """Run a kernel of so many phases over ``size`` faces or vertices on the threads of torch; see :func:`launch`."""
     threads = torch.get_num_threads()
     parts = 1 if threads == 1 else max(1, min(_PARTS * threads, size // _LEAST_PART))
+    launch_parts(kernel, phases, parts, *arguments)
+
+
+def launch_parts(kernel: Kernel, phases: int, parts: int, *arguments: int) -> None:
+    """Run a kernel of so many phases, each divided into so many ``parts``."""
     launch(kernel, (0, phases, _give_way_at, *arguments), parts)
 
 

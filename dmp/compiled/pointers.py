@@ -16,7 +16,9 @@ OPTIONS = {"nogil": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy
 row_function = njit(**OPTIONS)
 
 _FLOATS, _HALVES, _NUMBERS = types.CPointer(types.float32), types.CPointer(types.uint16), types.CPointer(types.int32)
-_DOUBLES = types.CPointer(types.float64)
+_DOUBLES, _WORDS = types.CPointer(types.float64), types.CPointer(types.int64)
+# How MKL is told of an order of numbers.
+_BY_ROWS, _PLAIN, _TRANSPOSED, _PACKED, _RIGHT_FACTOR = 101, 111, 112, 151, 162
 
 
 def _pointer_to(result):
@@ -53,6 +55,26 @@ def numbers(typing_context, address):
     return _pointer_to(_NUMBERS)(typing_context, address)
 
 
+def _call_product(builder, function, plan, sizes, factors, keep, out):
+    """Call ``cblas_sgemm_compute``: how rows and factors are ordered, (M, N, K), (factor, row length) twice, beta, out."""
+    word, real, pointer = ir.IntType(32), ir.FloatType(), ir.FloatType().as_pointer()
+    codes = [ir.Constant(word, code) for code in plan]
+    places = [
+        builder.inttoptr(part, pointer) if is_address else builder.trunc(part, word)
+        for address, length in (*factors, out)
+        for part, is_address in ((address, True), (length, False))
+    ]
+    given = [*codes, *(builder.trunc(size, word) for size in sizes), *places[:4], ir.Constant(real, keep), *places[4:]]
+    kind = ir.FunctionType(ir.VoidType(), [argument.type for argument in given])
+    builder.call(builder.inttoptr(function, kind.as_pointer()), given)
+
+
+@intrinsic
+def words(typing_context, address):
+    """Return a pointer to int64 at ``address``."""
+    return _pointer_to(_WORDS)(typing_context, address)
+
+
 @intrinsic
 def multiply_rows(typing_context, function, rows, features, packed, out, n_in, n_out):
     """Write ``features`` (rows, in) times packed weights (in, out) to ``out``; all but the sizes are addresses.
@@ -61,14 +83,43 @@ def multiply_rows(typing_context, function, rows, features, packed, out, n_in, n
     """
 
     def generate(context, builder, signature, arguments):
-        word, real, pointer = ir.IntType(32), ir.FloatType(), ir.FloatType().as_pointer()
         function, rows, features, packed, out, n_in, n_out = arguments
-        rows, n_in, n_out = (builder.trunc(size, word) for size in (rows, n_in, n_out))
-        features, packed, out = (builder.inttoptr(address, pointer) for address in (features, packed, out))
-        row_major, plain, is_packed = (ir.Constant(word, code) for code in (101, 111, 151))
-        given = [
-            row_major, plain, is_packed, rows, n_out, n_in, features, n_in, packed, n_out, ir.Constant(real, 0.0), out, n_out
-        ]  # fmt: skip
+        factors = (features, n_in), (packed, n_out)
+        _call_product(builder, function, (_BY_ROWS, _PLAIN, _PACKED), (rows, n_out, n_in), factors, 0.0, (out, n_out))
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 7), generate
+
+
+@intrinsic
+def add_product(typing_context, function, rows, features, gradients, out, n_in, n_out):
+    """Add the transposed ``features`` (rows, in) times ``gradients`` (rows, out) to ``out`` (in, out); see above."""
+
+    def generate(context, builder, signature, arguments):
+        function, rows, features, gradients, out, n_in, n_out = arguments
+        factors = (features, n_in), (gradients, n_out)
+        _call_product(builder, function, (_BY_ROWS, _TRANSPOSED, _PLAIN), (n_in, n_out, rows), factors, 1.0, (out, n_out))
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 7), generate
+
+
+@intrinsic
+def pack_weights(typing_context, function, rows, weights, packed, n_in, n_out, order):
+    """Write weights (in, out), or (out, in) where MKL's ``order`` is 112, to ``packed``, for products of so many ``rows``.
+
+    ``function`` is ``cblas_sgemm_pack``; see :mod:`dmp.compiled.packed_weights`.
+    """
+
+    def generate(context, builder, signature, arguments):
+        word, real, pointer = ir.IntType(32), ir.FloatType(), ir.FloatType().as_pointer()
+        function, rows, weights, packed, n_in, n_out, order = arguments
+        weights, packed = (builder.inttoptr(address, pointer) for address in (weights, packed))
+        rows, n_in, n_out, order = (builder.trunc(size, word) for size in (rows, n_in, n_out, order))
+        is_transposed = builder.icmp_signed("==", order, ir.Constant(word, _TRANSPOSED))
+        length = builder.select(is_transposed, n_in, n_out)
+        by_rows, right_factor, one = ir.Constant(word, _BY_ROWS), ir.Constant(word, _RIGHT_FACTOR), ir.Constant(real, 1.0)
+        given = [by_rows, right_factor, order, rows, n_out, n_in, one, weights, length, packed]
         kind = ir.FunctionType(ir.VoidType(), [argument.type for argument in given])
         builder.call(builder.inttoptr(function, kind.as_pointer()), given)
         return context.get_dummy_value()

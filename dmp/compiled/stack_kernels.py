@@ -8,12 +8,11 @@ are float32 or bfloat16, see :meth:`dmp.compiled.kernel.Kernel.of`; everything e
 # mypy: ignore-errors
 from __future__ import annotations
 
-import numpy as np
-
+from dmp.compiled import stack_rows
 from dmp.compiled.kernel import kernel
 from dmp.compiled.pointers import doubles, floats, numbers, row_function, take_next
 from dmp.compiled.pointers import floats as rows
-from dmp.compiled.stack_rows import EPSILON, ROWS, activate_rows, derive_rows, gather_rows, moments_rows, sums_rows
+from dmp.compiled.stack_rows import ROWS, activate_rows, derive_rows, gather_rows, moments_rows, sums_rows
 
 
 @row_function
@@ -47,7 +46,7 @@ def derive(job):
         if part >= job[1]:
             break
         first, last = _rows_of_part(job, part, n_vertices)
-        derive_rows(g, z, mean, scale, beta, slope, constant, first, last, channels)
+        derive_rows(g, z, g, mean, scale, beta, slope, constant, first, last, channels)
 
 
 @kernel
@@ -176,7 +175,7 @@ def derive_gather(job):
         end, k = bounds[part + 1], queue_starts[part]
         for row in range(bounds[part], end, ROWS):
             last = min(end, row + ROWS)
-            derive_rows(g, z, mean, scale, beta, slope, constant, row, last, channels)
+            derive_rows(g, z, g, mean, scale, beta, slope, constant, row, last, channels)
             while k < queue_starts[part + 1] and highest[queue[k]] < last:
                 first = queue[k] * ROWS
                 gather_rows(starts, columns, values, g, gathered, first, min(end, first + ROWS), channels)
@@ -186,56 +185,24 @@ def derive_gather(job):
 @kernel
 def join_moments(job):
     """Means, squares, space (2, C) float64, mean, over_deviation, V, C: write the moments of all rows."""
-    means, squares, n_vertices, channels = floats(job[2]), floats(job[3]), job[7], job[8]
-    joined, spread, mean, over_deviation = doubles(job[4]), doubles(job[4] + 8 * channels), floats(job[5]), floats(job[6])
     while True:
         part = take_next(job)
         if part >= job[1]:
             break
-        first, last = part * channels // job[1], (part + 1) * channels // job[1]
-        for c in range(first, last):
-            joined[c], spread[c] = 0.0, 0.0
-        for row in range(0, n_vertices, ROWS):
-            share = np.float64(min(ROWS, n_vertices - row)) / n_vertices
-            place = row // ROWS * channels
-            for c in range(first, last):
-                joined[c] += share * means[place + c]
-        for row in range(0, n_vertices, ROWS):
-            share = np.float64(min(ROWS, n_vertices - row)) / n_vertices
-            place = row // ROWS * channels
-            for c in range(first, last):
-                distance = means[place + c] - joined[c]
-                spread[c] += squares[place + c] / np.float64(n_vertices) + share * distance * distance
-        for c in range(first, last):
-            mean[c] = np.float32(joined[c])
-            over_deviation[c] = np.float32(1 / np.sqrt(spread[c] + EPSILON))
+        stack_rows.join_moments(
+            floats(job[2]), floats(job[3]), doubles(job[4]), floats(job[5]), floats(job[6]), job[7], job[8],
+            part * job[8] // job[1], (part + 1) * job[8] // job[1],
+        )  # fmt: skip
 
 
 @kernel
 def join_sums(job):
-    """Plain, weighted, space, over_deviation, scale, of gamma, of beta, slope, constant, V, C: add up the sums of the blocks.
-
-    From the sums come the gradients of gamma and beta, and the numbers with which the gradient of z is
-    scale g + slope (z - mean) + constant for that of u, g (Ioffe & Szegedy 2015, section 3).
-    """
-    plain, weighted, over_deviation, scale = floats(job[2]), floats(job[3]), floats(job[5]), floats(job[6])
-    of_gamma, of_beta, slope, constant = floats(job[7]), floats(job[8]), floats(job[9]), floats(job[10])
-    n_vertices, channels = job[11], job[12]
-    added, added_weighted = doubles(job[4]), doubles(job[4] + 8 * channels)
+    """Plain, weighted, space, over_deviation, scale, of gamma, of beta, slope, constant, V, C: add up sums of blocks."""
     while True:
         part = take_next(job)
         if part >= job[1]:
             break
-        first, last = part * channels // job[1], (part + 1) * channels // job[1]
-        for c in range(first, last):
-            added[c], added_weighted[c] = 0.0, 0.0
-        for row in range(0, n_vertices, ROWS):
-            place = row // ROWS * channels
-            for c in range(first, last):
-                added[c] += plain[place + c]
-                added_weighted[c] += weighted[place + c]
-        for c in range(first, last):
-            with_deviation = added_weighted[c] * over_deviation[c]
-            of_beta[c], of_gamma[c] = np.float32(added[c]), np.float32(with_deviation)
-            slope[c] = np.float32(-scale[c] * over_deviation[c] * with_deviation / n_vertices)
-            constant[c] = np.float32(-scale[c] * added[c] / n_vertices)
+        stack_rows.join_sums(
+            floats(job[2]), floats(job[3]), doubles(job[4]), floats(job[5]), floats(job[6]), floats(job[7]), floats(job[8]),
+            floats(job[9]), floats(job[10]), job[11], job[12], part * job[12] // job[1], (part + 1) * job[12] // job[1],
+        )  # fmt: skip

@@ -15,7 +15,7 @@ from dmp.compiled.vectors import LANES, load, nothing, store, times, where_posit
 
 # Rows in a block. Sums over vertices are kept block by block and added up in a fixed order, so that no result depends on how
 # many threads there are.
-ROWS = 64
+ROWS = 128
 # Rows whose values for 16 channels are added up in registers; more would leave the first cache.
 _ROWS_AT_ONCE = 8
 SLOPE = 0.01
@@ -42,21 +42,23 @@ def activate_rows(z, y, mean, scale, beta, first, last, channels):
 
 
 @row_function
-def _derive(g, z, mean, scale, beta, slope, constant, at, c):
+def _derive(g, z, out, mean, scale, beta, slope, constant, at, c):
     centred = load(z, at + c) - load(mean, c)
     of_u = where_positive(centred * load(scale, c) + load(beta, c), load(g, at + c), _SLOPE)
-    store(g, at + c, of_u * load(scale, c) + (centred * load(slope, c) + load(constant, c)))
+    store(out, at + c, of_u * load(scale, c) + (centred * load(slope, c) + load(constant, c)))
 
 
 @row_function
-def derive_rows(g, z, mean, scale, beta, slope, constant, first, last, channels):
-    """Write the gradient of z over that of y."""
+def derive_rows(g, z, out, mean, scale, beta, slope, constant, first, last, channels):
+    """Write the gradient of z to ``out`` for that of y, g; both may be in one place."""
     strips = channels // LANES * LANES
     for at in range(first * channels, last * channels, channels):
         for c in range(0, strips, LANES):
-            _derive(wide(g), wide(z), wide(mean), wide(scale), wide(beta), wide(slope), wide(constant), at, c)
+            _derive(
+                wide(g), wide(z), wide(out), wide(mean), wide(scale), wide(beta), wide(slope), wide(constant), at, c
+            )  # fmt: skip
         for c in range(strips, channels):
-            _derive(g, z, mean, scale, beta, slope, constant, at, c)
+            _derive(g, z, out, mean, scale, beta, slope, constant, at, c)
 
 
 @row_function
@@ -173,3 +175,50 @@ def sums_rows(g, z, mean, scale, beta, plain, weighted, first, last, channels):
             )  # fmt: skip
         for c in range(strips, channels):
             _add_sums(g, z, mean, scale, beta, plain, weighted, begin, end, channels, c)
+
+
+@row_function
+def join_moments(means, squares, space, mean, over_deviation, n_vertices, channels, first, last):
+    """Write mean and 1 / deviation over all vertices of channels ``first`` to ``last``, for those of the blocks.
+
+    ``space`` is (2, C) float64.
+    """
+    for c in range(first, last):
+        space[c], space[channels + c] = 0.0, 0.0
+    for row in range(0, n_vertices, ROWS):
+        share = np.float64(min(ROWS, n_vertices - row)) / n_vertices
+        place = row // ROWS * channels
+        for c in range(first, last):
+            space[c] += share * means[place + c]
+    for row in range(0, n_vertices, ROWS):
+        share = np.float64(min(ROWS, n_vertices - row)) / n_vertices
+        place = row // ROWS * channels
+        for c in range(first, last):
+            distance = means[place + c] - space[c]
+            space[channels + c] += squares[place + c] / np.float64(n_vertices) + share * distance * distance
+    for c in range(first, last):
+        mean[c] = np.float32(space[c])
+        over_deviation[c] = np.float32(1 / np.sqrt(space[channels + c] + EPSILON))
+
+
+@row_function
+def join_sums(
+    plain, weighted, space, over_deviation, scale, of_gamma, of_beta, slope, constant, n_vertices, channels, first, last
+):
+    """Add up the sums of the blocks for channels ``first`` to ``last``.
+
+    From the sums come the gradients of gamma and beta, and the numbers with which the gradient of z is
+    scale g + slope (z - mean) + constant for that of u, g (Ioffe & Szegedy 2015, section 3).
+    """
+    for c in range(first, last):
+        space[c], space[channels + c] = 0.0, 0.0
+    for row in range(0, n_vertices, ROWS):
+        place = row // ROWS * channels
+        for c in range(first, last):
+            space[c] += plain[place + c]
+            space[channels + c] += weighted[place + c]
+    for c in range(first, last):
+        with_deviation = space[channels + c] * over_deviation[c]
+        of_beta[c], of_gamma[c] = np.float32(space[c]), np.float32(with_deviation)
+        slope[c] = np.float32(-scale[c] * over_deviation[c] * with_deviation / n_vertices)
+        constant[c] = np.float32(-scale[c] * space[c] / n_vertices)

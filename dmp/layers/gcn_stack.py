@@ -69,6 +69,8 @@ class _GcnStack(torch.autograd.Function):
     ) -> Tensor:
         buffers.generation += 1
         ctx.generation, ctx.buffers, ctx.parameters = buffers.generation, buffers, parameters
+        if buffers.fused is not None:
+            return buffers.fused.forward(features, buffers.blocked(propagation), parameters, moments)
         ctx.features = features.to(buffers.dtype).contiguous()
         ctx.matrix = matrix = buffers.blocked(propagation)
         passes = buffers.passes
@@ -97,6 +99,9 @@ class _GcnStack(torch.autograd.Function):
         buffers: StackBuffers = ctx.buffers
         if buffers.generation != ctx.generation:
             raise RuntimeError("The buffers of the network have been used by another forward pass since.")
+        if buffers.fused is not None:
+            of_features, of_parameters = buffers.fused.backward(gradients[0].contiguous(), of_features=ctx.needs_input_grad[0])
+            return of_features, None, None, None, *of_parameters
         layers, normalised, matrix, passes = _by_layer(ctx.parameters), ctx.normalised, ctx.matrix, buffers.passes
         found: list[Tensor | None] = []
         # The gradient of y changes its place from layer to layer, because rows of the next one are made before it is used up.
@@ -112,17 +117,12 @@ class _GcnStack(torch.autograd.Function):
             place = 2 - place
             of_before = buffers.scratch(place, weight.shape[0])
             between = buffers.scratch(1, weight.shape[1 if gathered is None else 0])
-            step = Backward(matrix, current, own, derivative, rounded, between, of_before, before)
-            if gathered is not None:
-                derivative = passes.backward_gathering(step)
-                found[0] = torch.mm(gathered.T, current).to(weight.dtype)
-            else:
-                derivative = passes.backward_multiplying(step)
-                output = buffers.output(layer - 1)
-                if not buffers.keep_outputs:
-                    # By the very operation of the forward pass, so that not a digit differs.
-                    passes.activate(*before, output)
-                found[0] = torch.mm(output.T, between).to(weight.dtype)
+            multiplied = buffers.output(layer - 1) if gathered is None else gathered
+            is_kept = gathered is not None or buffers.keep_outputs
+            step = Backward(matrix, current, own, derivative, rounded, between, of_before, before, multiplied, is_kept)
+            go_back = passes.backward_multiplying if gathered is None else passes.backward_gathering
+            derivative, of_weight = go_back(step)
+            found[0] = of_weight.to(weight.dtype)
             current = of_before
         of_features, of_weight = _first_backward(ctx, current, derivative, buffers.scratch(1, layers[0][0].shape[1]))
         first = [of_weight, torch.zeros_like(layers[0][1]), derivative.of_gamma, derivative.of_beta]

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from dmp.compiled.blocked_matrix import BlockedMatrix
-from dmp.compiled.fused_passes import FusedPasses
-from dmp.compiled.packed_weights import can_pack
+from dmp.compiled.fused_stack import FusedStack
+from dmp.compiled.packed_weights import packing_for
 from dmp.compiled.stack_passes import StackPasses
 from dmp.compiled.stack_rows import ROWS
 from dmp.layers.stack_sizes import gathers_first, outputs_wanted_again
@@ -26,7 +26,8 @@ class StackBuffers:
         generation: number of forward passes that have used the buffers.
         mixed: what each layer normalises, z, (V, out).
         gathered: P x for the layers that begin with it, (V, in), else None.
-        passes: what is done with them.
+        fused: all layers in one launch, where that can be done: in float32, with a product for it.
+        passes: what is done with them one by one, elsewhere.
     """
 
     def __init__(
@@ -47,9 +48,10 @@ class StackBuffers:
             dtype: see above.
             keep_outputs: see above.
         """
-        self.keep_outputs = keep_outputs
         self.generation = 0
         self.dtype = dtype
+        packing = packing_for(dtype)
+        self.keep_outputs = keep_outputs = keep_outputs and packing is None
         self._n_vertices = n_vertices
         self._matrix: tuple[Tensor, BlockedMatrix] | None = None
 
@@ -63,10 +65,12 @@ class StackBuffers:
         self.mixed = [rows(width) for width in widths]
         self.gathered = [rows(i) if f else None for i, f in zip((input_channels, *widths[:-1]), first, strict=True)]
         self._widest = max(input_channels, *widths)
-        self._scratch = [torch.zeros(room * self._widest, dtype=dtype) for _ in range(3 if keep_outputs else 4)]
+        # Only what is used of it takes memory.
+        self._scratch = [torch.zeros(room * self._widest, dtype=dtype) for _ in range(3 if keep_outputs or packing else 4)]
         again = outputs_wanted_again(input_channels, widths)
         self._outputs = [rows(width) if a and keep_outputs else None for width, a in zip(widths, again, strict=True)]
-        self.passes = self._passes_for(n_vertices)
+        self.fused = FusedStack(packing, input_channels, self.mixed, self.gathered, self._scratch) if packing else None
+        self.passes = StackPasses(n_vertices, self._widest)
 
     def first(self, n_vertices: int) -> StackBuffers:
         """Return buffers for fewer vertices in the same memory; of these and those only one can be in use at a time."""
@@ -76,7 +80,8 @@ class StackBuffers:
         part.mixed = [rows[:n_vertices] for rows in self.mixed]
         part.gathered = [None if rows is None else rows[:n_vertices] for rows in self.gathered]
         part._outputs = [None if rows is None else rows[:n_vertices] for rows in self._outputs]
-        part.passes = self._passes_for(n_vertices)
+        part.fused = self.fused.first(part.mixed, part.gathered) if self.fused else None
+        part.passes = StackPasses(n_vertices, self._widest)
         return part
 
     def blocked(self, propagation: Tensor) -> BlockedMatrix:
@@ -93,7 +98,3 @@ class StackBuffers:
         """Return the place for the output of a layer that is needed again; without ``keep_outputs`` all layers share it."""
         kept = self._outputs[layer]
         return self.scratch(3, self.mixed[layer].shape[1]) if kept is None else kept
-
-    def _passes_for(self, n_vertices: int) -> StackPasses:
-        fused = self.dtype == torch.float32 and can_pack()
-        return (FusedPasses if fused else StackPasses)(n_vertices, self._widest)

@@ -16,10 +16,22 @@ def outputs_wanted_again(input_channels: int, widths: Sequence[int]) -> list[boo
     return [*(not first for first in gathers_first(input_channels, widths)[1:]), False]
 
 
-def bytes_per_vertex(input_channels: int, widths: Sequence[int], *, value_bytes: int = 4, keep_outputs: bool = True) -> int:
-    """Return what :class:`dmp.layers.stack_buffers.StackBuffers` takes for each vertex, less than a byte for sums apart."""
+def bytes_per_vertex(
+    input_channels: int, widths: Sequence[int], *, value_bytes: int = 4, keep_outputs: bool = True, fused: bool = False
+) -> int:
+    """Return what :class:`dmp.layers.stack_buffers.StackBuffers` takes for each vertex, less than a byte for sums apart.
+
+    Args:
+        input_channels: channels of the features.
+        widths: output channels of the layers.
+        value_bytes: of a number.
+        keep_outputs: see there.
+        fused: whether all layers are gone through in one launch, which keeps no outputs but a copy of the features.
+    """
     sizes = (input_channels, *widths)
     values = sum(widths) + sum(i for i, first in zip(sizes, gathers_first(input_channels, widths), strict=False) if first)
+    if fused:
+        return value_bytes * (values + 3 * max(sizes) + input_channels)
     values += max(sizes) * (3 if keep_outputs else 4)
     if keep_outputs:
         wanted = outputs_wanted_again(input_channels, widths)

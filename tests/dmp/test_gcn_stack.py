@@ -120,12 +120,15 @@ def test_bfloat16_keeps_the_direction_of_the_gradient(sphere: TriangleMesh) -> N
             assert cosine > 0.99, name
 
 
-def test_buffers_take_the_memory_that_is_told_of_them() -> None:
-    for keep_outputs in (True, False):
-        buffers = StackBuffers(128, 16, _LAYOUT.widths, keep_outputs=keep_outputs)
-        held = [tensor for value in vars(buffers).values() if isinstance(value, list) for tensor in value if tensor is not None]
-        told = bytes_per_vertex(16, _LAYOUT.widths, keep_outputs=keep_outputs)
-        assert sum(tensor.numel() * tensor.element_size() for tensor in held) == 128 * told
+@pytest.mark.parametrize(("keep_outputs", "dtype"), [(True, torch.bfloat16), (False, torch.bfloat16), (True, torch.float32)])
+def test_buffers_take_the_memory_that_is_told_of_them(keep_outputs: bool, dtype: torch.dtype) -> None:
+    buffers = StackBuffers(128, 16, _LAYOUT.widths, dtype=dtype, keep_outputs=keep_outputs)
+    held = [tensor for value in vars(buffers).values() if isinstance(value, list) for tensor in value if tensor is not None]
+    if buffers.fused is not None:
+        held.append(buffers.fused._features)
+    fused = buffers.fused is not None
+    told = bytes_per_vertex(16, _LAYOUT.widths, value_bytes=dtype.itemsize, keep_outputs=keep_outputs, fused=fused)
+    assert sum(tensor.numel() * tensor.element_size() for tensor in held) == 128 * told
 
 
 def test_other_networks_have_no_use_for_buffers() -> None:

@@ -85,12 +85,12 @@ def test_what_will_not_fit_is_refused_with_numbers_and_a_remedy(free: Callable[[
     with pytest.raises(SettingsError, match=r"Use --preset compact"):
         check_memory(settings_for("denoise", "paper", device="cpu", precision="float32"), 1_000_000)
     with pytest.raises(SettingsError, match=r"--memory 1 leaves 0.6 GB. Use --memory [12]\.\d or more."):
-        check_memory(settings_for("denoise", "compact", memory=1, device="cpu", precision="float32"), 100_000)
+        check_memory(settings_for("denoise", "compact", memory=1, device="cpu", precision="float32"), 200_000)
 
 
 def test_a_suggested_bound_and_a_suggested_size_are_accepted(free: Callable[[float], None]) -> None:
     free(6)
-    for bound, size in ((1.0, 100_000), (0.0, 5_000_000)):
+    for bound, size in ((1.0, 200_000), (0.0, 5_000_000)):
         settings = settings_for("denoise", "compact", memory=bound, device="cpu", precision="float32")
         with pytest.raises(SettingsError) as caught:
             check_memory(settings, size)
@@ -115,7 +115,8 @@ def test_a_training_and_its_command_are_refused_before_they_begin(
 
 def test_a_bound_takes_the_longer_way_to_the_same_result(noisy_sphere: TriangleMesh, free: Callable[[float], None]) -> None:
     size = noisy_sphere.n_vertices
-    settings = settings_for("denoise", "compact", device="cpu", threads=1, steps=5, snapshot_every=5)
+    # In float32 outputs are never kept where there is a product for packed weights.
+    settings = settings_for("denoise", "compact", device="cpu", threads=1, steps=5, snapshot_every=5, precision="bfloat16")
     free(100)
     *_, plenty = train(denoising(noisy_sphere, settings), settings)
     between = (memory_needed(settings, size) + memory_needed(settings, size, keep_outputs=False)) / 2

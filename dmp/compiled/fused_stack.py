@@ -1,0 +1,265 @@
+"""A series of graph convolutions in one launch forward and one backward, see :mod:`dmp.compiled.fused_kernels`."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from dmp.compiled import fused_kernels as kernels
+from dmp.compiled.blocked_matrix import BlockedMatrix
+from dmp.compiled.packed_weights import PLAIN, TRANSPOSED, Packing
+from dmp.compiled.phase_table import Later, PhaseTable, Value
+from dmp.compiled.stack_rows import ROWS
+
+_SIZE = 4  # bytes of a float32
+_LINE = 16  # float32 in a cache line, at which MKL wants its data to begin
+
+
+class FusedStack:
+    """Layers in float32, with memory of their own beside what they are given."""
+
+    def __init__(
+        self,
+        packing: Packing,
+        input_channels: int,
+        mixed: Sequence[Tensor],
+        gathered: Sequence[Tensor | None],
+        scratch: Sequence[Tensor],
+    ) -> None:
+        """Make the memory.
+
+        Args:
+            packing: what multiplies.
+            input_channels: of the features.
+            mixed: place for the z of each layer, (V, out), with room for whole blocks of rows, as all.
+            gathered: place for P x where a layer takes that first, (V, in), else None.
+            scratch: three places for (V, C), C the most channels.
+        """
+        self._packing, self._n_vertices, self._scratch = packing, len(mixed[0]), scratch
+        self._mixed, self._gathered = mixed, gathered
+        self._sizes = list(pairwise((input_channels, *(z.shape[1] for z in mixed))))
+        self._n_weights = sum(n_in * n_out for n_in, n_out in self._sizes)
+        widest = max(max(sizes) for sizes in self._sizes)
+        self._widest = widest
+        blocks = -(-self._n_vertices // ROWS)
+        self._features = torch.zeros((blocks * ROWS, input_channels))
+        self._sums = torch.empty((2, blocks * widest))
+        self._joined = torch.empty((2, widest), dtype=torch.float64)
+        # Mean, scale and 1 / deviation of each layer; slope and constant of the one that a gradient is in.
+        self._normalised = [torch.empty((3, n_out)) for _, n_out in self._sizes]
+        self._slopes = torch.empty((2, widest))
+        self._own = torch.zeros((0, 2, ROWS, widest))
+        self._others = torch.zeros((0, self._n_weights))
+        self._packed = [self._room_for(*sizes) for sizes in self._sizes]
+        self._forget()
+
+    def first(self, mixed: Sequence[Tensor], gathered: Sequence[Tensor | None]) -> FusedStack:
+        """Return the same for fewer vertices, as many as these places have rows, in the same memory."""
+        part = copy.copy(self)
+        part._n_vertices, part._mixed, part._gathered = len(mixed[0]), mixed, gathered
+        part._forget()
+        return part
+
+    def forward(
+        self,
+        features: Tensor,
+        matrix: BlockedMatrix,
+        parameters: Sequence[Tensor],
+        moments: Sequence[tuple[Tensor, Tensor]] | None,
+    ) -> Tensor:
+        """Return the output of the last layer, (V, out).
+
+        Args:
+            features: (V, in).
+            matrix: P.
+            parameters: weight (in, out), bias, gamma and beta of each layer, contiguous.
+            moments: mean and 1 / deviation by which each layer is normalised; None for its own.
+        """
+        self._prepare(matrix, parameters, moments is None)
+        self._features[: self._n_vertices] = features
+        if moments is not None:
+            for normalised, (mean, over_deviation), gamma in zip(self._normalised, moments, parameters[2::4], strict=True):
+                normalised.copy_(torch.stack([mean, gamma.detach() * over_deviation, over_deviation]))
+        # Fresh memory, because the buffers are written again in the next step.
+        output = torch.empty((self._n_vertices, self._sizes[-1][1]))
+        assert self._forward_table is not None
+        self._forward_table.run(output=output.data_ptr())
+        return output
+
+    def backward(self, gradient: Tensor, *, of_features: bool) -> tuple[Tensor | None, list[Tensor]]:
+        """Return the gradient of the features, where that is asked for, and those of the parameters, in their order.
+
+        Args:
+            gradient: that of the output, (V, out), contiguous.
+            of_features: whether that of the features is wanted.
+        """
+        table = self._backward_tables.get(of_features)
+        if table is None:
+            table = self._backward_tables[of_features] = self._backward_table(of_features)
+        # Fresh memory, because it is kept as the parameters' gradients. All that a bias adds is taken off again.
+        channels = sum(n_out for _, n_out in self._sizes)
+        of_weights, of_moments, of_bias = torch.empty(self._n_weights), torch.empty(2 * channels), torch.zeros(channels)
+        table.run(gradient=gradient.data_ptr(), of_weights=of_weights.data_ptr(), of_moments=of_moments.data_ptr())
+        outs = [n_out for _, n_out in self._sizes]
+        weights = torch.split(of_weights, [n_in * n_out for n_in, n_out in self._sizes])
+        others = (torch.split(all_of_them, outs) for all_of_them in (of_bias, of_moments[:channels], of_moments[channels:]))
+        found: list[Tensor] = []
+        for sizes, weight, bias, gamma, beta in zip(self._sizes, weights, *others, strict=True):
+            found += [weight.view(sizes), bias, gamma, beta]
+        first = self._of_before(0)[: self._n_vertices * self._sizes[0][0]].view(self._n_vertices, -1)
+        return first.clone() if of_features else None, found
+
+    # -- tables ---------------------------------------------------------------------------------------------------
+
+    def _forget(self) -> None:
+        self._key: object = None
+        self._matrix: BlockedMatrix | None = None
+        self._forward_table: PhaseTable | None = None
+        self._backward_tables: dict[bool, PhaseTable] = {}
+
+    def _prepare(self, matrix: BlockedMatrix, parameters: Sequence[Tensor], own_moments: bool) -> None:
+        """Write the tables anew where anything that stands in them has changed."""
+        key = torch.get_num_threads(), own_moments, *(parameter.data_ptr() for parameter in parameters)
+        if self._matrix is matrix and self._key == key:
+            return
+        self._forget()
+        self._key, self._matrix, self._parameters = key, matrix, parameters
+        self._sweep = matrix.sweep(torch.get_num_threads() if self._n_vertices * self._widest >= _WORTH_SHARING else 1)
+        parts = self._sweep.n_parts
+        if len(self._own) < parts:
+            self._own = torch.zeros((parts, 2, ROWS, self._widest))
+        if len(self._others) < parts - 1:
+            self._others = torch.zeros((parts - 1, self._n_weights))
+        self._block_starts = (np.arange(parts + 1) * matrix.n_blocks // parts).astype(np.int32)
+        self._to_pack = {order: self._weights_to_pack(order) for order in (PLAIN, TRANSPOSED)}
+        self._forward_table = self._table_forward(own_moments)
+
+    def _table_forward(self, own_moments: bool) -> PhaseTable:
+        table, matrix = PhaseTable(self._sweep.n_parts), self._matrix
+        assert matrix is not None
+        self._add_packing(table, PLAIN)
+        for layer in range(len(self._sizes)):
+            way = kernels.FORWARD_MULTIPLYING if self._gathered[layer] is None else kernels.FORWARD_GATHERING
+            values = {**self._values(layer), "way": way}
+            if layer == 0 and way == kernels.FORWARD_GATHERING:
+                # The features are all there, so there is nothing to begin with.
+                values |= {"places": self._features.data_ptr(), "columns": matrix.addresses[1]}
+                self._add_finish(table, values, self._block_starts, matrix.all_blocks)
+            else:
+                self._add_sweep(table, values)
+            if own_moments:
+                table.add(kernels.JOIN_MOMENTS, **values)
+        # What makes the y before a layer makes that after the last one.
+        table.add(kernels.ACTIVATE, **self._values(len(self._sizes)), output=Later("output"))
+        return table
+
+    def _backward_table(self, of_features: bool) -> PhaseTable:
+        table = PhaseTable(self._sweep.n_parts)
+        self._add_packing(table, TRANSPOSED)
+        last = len(self._sizes)
+        table.add(kernels.SUMS, **self._values(last), of_before=Later("gradient"))
+        self._add_join_sums(table, last - 1)
+        of_y: Value = Later("gradient")
+        weights_before = self._n_weights
+        for layer in reversed(range(last)):
+            n_in, n_out = self._sizes[layer]
+            weights_before -= n_in * n_out
+            of_before = self._of_before(layer).data_ptr() if layer or of_features else 0
+            values = {
+                **self._values(layer),
+                "way": kernels.BACKWARD_MULTIPLYING if self._gathered[layer] is None else kernels.BACKWARD_GATHERING,
+                "of_y": of_y,
+                "of_before": of_before,
+                "of_weight": Later("of_weights", _SIZE * weights_before),
+                "of_weight_others": self._others.data_ptr() + _SIZE * weights_before,
+                "others_bytes": _SIZE * self._n_weights,
+            }
+            self._add_sweep(table, values)
+            if layer:
+                self._add_join_sums(table, layer - 1)
+            of_y = of_before
+        if table.parts > 1:
+            others = {"of_weight_others": self._others.data_ptr(), "others_bytes": _SIZE * self._n_weights}
+            table.add(kernels.ADD_UP, of_weight=Later("of_weights"), **others)
+        return table
+
+    def _add_packing(self, table: PhaseTable, order: int) -> None:
+        weights = self._to_pack[order]
+        table.add(kernels.PACK, pack=self._packing.pack_at, weights=weights.ctypes.data, n_weights=len(weights))
+
+    def _add_sweep(self, table: PhaseTable, values: dict[str, Value]) -> None:
+        sweep = self._sweep
+        plan = {"bounds": sweep.bounds, "queue_starts": sweep.queue_starts, "queue": sweep.queue, "highest": sweep.highest}
+        table.add(kernels.SWEEP, **values, **{name: part.ctypes.data for name, part in plan.items()})
+        if len(sweep.others):
+            self._add_finish(table, values, sweep.other_starts, sweep.others)
+
+    def _add_finish(self, table: PhaseTable, values: dict[str, Value], starts: np.ndarray, blocks: np.ndarray) -> None:
+        table.add(kernels.FINISH, **values, queue_starts=starts.ctypes.data, queue=blocks.ctypes.data)
+
+    def _add_join_sums(self, table: PhaseTable, layer: int) -> None:
+        before = sum(n_out for _, n_out in self._sizes[:layer])
+        channels = sum(n_out for _, n_out in self._sizes)
+        of_gamma, of_beta = Later("of_moments", _SIZE * before), Later("of_moments", _SIZE * (channels + before))
+        table.add(kernels.JOIN_SUMS, **self._values(layer), of_gamma=of_gamma, of_beta=of_beta)
+
+    def _values(self, layer: int) -> dict[str, Value]:
+        """Return what belongs to a layer in all phases; for the number after the last: to the layer that would follow."""
+        assert self._matrix is not None
+        starts, _, values = self._matrix.addresses
+        sums, joined, slopes = self._sums, self._joined, self._slopes
+        found: dict[str, Value] = {
+            **{"starts": starts, "columns": self._sweep.columns.ctypes.data, "values": values, "n_rows": self._n_vertices},
+            **{"places": self._scratch[1].data_ptr(), "slots": self._sweep.slots.ctypes.data},
+            **{"own": self._own.data_ptr(), "own_bytes": _SIZE * self._own.stride(1), "multiply": self._packing.multiply_at},
+            **{"first_sums": sums[0].data_ptr(), "second_sums": sums[1].data_ptr(), "joined": joined.data_ptr()},
+            **{"slope": slopes[0].data_ptr(), "constant": slopes[1].data_ptr(), "features": self._features.data_ptr()},
+        }
+        if layer:
+            mean, scale, _, _, beta = self._normalisation(layer - 1)
+            found |= {"z_before": self._mixed[layer - 1].data_ptr(), "n_in": self._sizes[layer - 1][1]}
+            found |= {"mean_before": mean, "scale_before": scale, "beta_before": beta}
+        if layer < len(self._sizes):
+            mean, scale, over_deviation, gamma, beta = self._normalisation(layer)
+            n_in, n_out = self._sizes[layer]
+            gathered = self._gathered[layer]
+            found |= {"z": self._mixed[layer].data_ptr(), "n_in": n_in, "n_out": n_out, "packed": _aligned(self._packed[layer])}
+            found |= {"mean": mean, "scale": scale, "over_deviation": over_deviation, "gamma": gamma, "beta": beta}
+            found["gathered"] = 0 if gathered is None else gathered.data_ptr()
+        return found
+
+    def _normalisation(self, layer: int) -> tuple[int, int, int, int, int]:
+        """Return the addresses of a layer's mean, scale, 1 / deviation, gamma and beta."""
+        mean, scale, over_deviation = self._normalised[layer]
+        gamma, beta = self._parameters[4 * layer + 2], self._parameters[4 * layer + 3]
+        return mean.data_ptr(), scale.data_ptr(), over_deviation.data_ptr(), gamma.data_ptr(), beta.data_ptr()
+
+    def _of_before(self, layer: int) -> Tensor:
+        """Return the place for the gradient of what goes into a layer: by turns, as that of its y is still wanted."""
+        return self._scratch[0 if layer % 2 else 2]
+
+    def _room_for(self, n_in: int, n_out: int) -> Tensor:
+        sizes = (n_in, n_out, ROWS), (n_out, n_in, ROWS)
+        return torch.empty(max(self._packing.bytes_for(*size) for size in sizes) // _SIZE + 2 * _LINE)
+
+    def _weights_to_pack(self, order: int) -> np.ndarray:
+        """Return what packing has to know of the weights, (layers, words) int64."""
+        weights = np.empty((len(self._sizes), kernels.WEIGHT_WORDS), dtype=np.int64)
+        for layer, (n_in, n_out) in enumerate(self._sizes):
+            sizes = (n_in, n_out) if order == PLAIN else (n_out, n_in)
+            weights[layer] = (self._parameters[4 * layer].data_ptr(), _aligned(self._packed[layer]), *sizes, order)
+        return weights
+
+
+# Values below which waiting for another thread costs more than it saves.
+_WORTH_SHARING = 1 << 15
+
+
+def _aligned(memory: Tensor) -> int:
+    line = _SIZE * _LINE
+    return -(-memory.data_ptr() // line) * line
