@@ -11,13 +11,15 @@ from __future__ import annotations
 import numpy as np
 
 from dmp.compiled.pointers import row_function
-from dmp.compiled.vectors import LANES, load, nothing, store, times, where_positive, wide
+from dmp.compiled.vectors import LANES, fetch_ahead, load, nothing, store, times, where_positive, wide
 
 # Rows in a block. Sums over vertices are kept block by block and added up in a fixed order, so that no result depends on how
 # many threads there are.
 ROWS = 128
 # Rows whose values for 16 channels are added up in registers; more would leave the first cache.
 _ROWS_AT_ONCE = 8
+# Values by which reading from memory is asked for in advance, which processors do within a page only.
+_AHEAD = 2048
 SLOPE = 0.01
 EPSILON = 1e-5
 
@@ -36,6 +38,7 @@ def activate_rows(z, y, mean, scale, beta, first, last, channels):
     strips = channels // LANES * LANES
     for at in range(first * channels, last * channels, channels):
         for c in range(0, strips, LANES):
+            fetch_ahead(wide(z), at + c + _AHEAD)
             _activate(wide(z), wide(y), wide(mean), wide(scale), wide(beta), at, c)
         for c in range(strips, channels):
             _activate(z, y, mean, scale, beta, at, c)
@@ -54,6 +57,8 @@ def derive_rows(g, z, out, mean, scale, beta, slope, constant, first, last, chan
     strips = channels // LANES * LANES
     for at in range(first * channels, last * channels, channels):
         for c in range(0, strips, LANES):
+            fetch_ahead(wide(z), at + c + _AHEAD)
+            fetch_ahead(wide(g), at + c + _AHEAD)
             _derive(
                 wide(g), wide(z), wide(out), wide(mean), wide(scale), wide(beta), wide(slope), wide(constant), at, c
             )  # fmt: skip
@@ -152,6 +157,7 @@ def _add_sums(g, z, mean, scale, beta, plain, weighted, first, last, channels, c
     middle, factor, constant = load(mean, c), load(scale, c), load(beta, c)
     total, total_weighted = load(plain, c), load(weighted, c)
     for at in range(first * channels, last * channels, channels):
+        fetch_ahead(z, at + c + _ROWS_AT_ONCE * channels)
         centred = load(z, at + c) - middle
         of_u = where_positive(centred * factor + constant, load(g, at + c), _SLOPE)
         total = total + of_u

@@ -124,6 +124,21 @@ def store(typing_context, pointer, index, value):
 
 
 @intrinsic
+def fetch_ahead(typing_context, pointer, index):
+    """Have what lies at ``pointer[index]``, which may be outside of any memory, brought to the second cache."""
+
+    def generate(context, builder, signature, arguments):
+        byte = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [byte, _WORD, _WORD, _WORD])
+        place = builder.bitcast(builder.gep(arguments[0], [arguments[1]]), byte)
+        to_read, locality, data = (ir.Constant(_WORD, code) for code in (0, 2, 1))
+        builder.call(builder.module.declare_intrinsic("llvm.prefetch", (byte,), kind), [place, to_read, locality, data])
+        return context.get_dummy_value()
+
+    return types.void(pointer, types.int64), generate
+
+
+@intrinsic
 def nothing(typing_context, pointer):
     """Return 0, or 16 of them, as :func:`load` would through ``pointer``."""
 
