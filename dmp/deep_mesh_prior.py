@@ -87,7 +87,7 @@ class DeepMeshPrior(Training):
         self._network = network.to(self.device)
         self._buffers: StackBuffers | None = None
         self._has_buffers = self.device.type == "cpu" and network.has_use_for_buffers
-        self._between_layers = type_between_layers(settings.precision, max(layout.widths))
+        self._between_layers = type_between_layers(settings.precision, max(layout.widths), n_vertices)
         # Where the layers of the whole mesh find no room, this many vertices at a time; 0 for all at once.
         self._patch_vertices = patch_vertices_for(settings, n_vertices) if self._has_buffers else 0
         self._patched: PatchedNetwork | None = None

@@ -15,8 +15,9 @@ from dmp.errors import SettingsError
 if TYPE_CHECKING:
     from dmp.settings import Precision
 
-# From so many channels in the widest layer on, bfloat16 was measured to be faster where the processor has products for it.
-_WIDE = 128
+# From so many channels in the widest layer on, bfloat16 was measured to be faster where the processor has products for it; and
+# with fewer, for meshes of so many vertices.
+_WIDE, _LESS_WIDE, _MANY_VERTICES = 512, 128, 10_000
 
 
 def choose_device(name: str) -> torch.device:
@@ -72,15 +73,17 @@ def cuda_products(precision: Literal["tf32", "ieee"]) -> Iterator[None]:
         products.fp32_precision = before
 
 
-def type_between_layers(precision: Precision, widest: int) -> torch.dtype:
+def type_between_layers(precision: Precision, widest: int, n_vertices: int) -> torch.dtype:
     """Return the type of the numbers that a network on the processor keeps between its layers.
 
     Args:
         precision: of the settings; ``auto`` takes bfloat16 where it was measured to be faster.
         widest: channels of the widest layer.
+        n_vertices: of the mesh.
     """
     if precision == "auto":
-        return torch.bfloat16 if widest >= _WIDE and has_fast_bfloat16() else torch.float32
+        is_wide = widest >= (_LESS_WIDE if n_vertices >= _MANY_VERTICES else _WIDE)
+        return torch.bfloat16 if is_wide and has_fast_bfloat16() else torch.float32
     return torch.bfloat16 if precision == "bfloat16" else torch.float32
 
 

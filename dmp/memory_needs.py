@@ -5,6 +5,8 @@ from __future__ import annotations
 import bisect
 import math
 
+import torch
+
 from dmp.compiled.packed_weights import packing_for
 from dmp.devices import choose_device, type_between_layers
 from dmp.errors import SettingsError
@@ -47,7 +49,7 @@ def memory_needed(settings: Settings, n_vertices: int, *, keep_outputs: bool = T
     elif settings.method == "made-up-holes":
         each = float(_MADE_UP_HOLES)
     else:
-        each = _of_layers(settings, keep_outputs=keep_outputs) + _BESIDE_LAYERS
+        each = _of_layers(settings, n_vertices, keep_outputs=keep_outputs) + _BESIDE_LAYERS
     return int(_IN_ANY_CASE + each * n_vertices)
 
 
@@ -60,13 +62,17 @@ def memory_needed_in_patches(settings: Settings, n_vertices: int, patch_vertices
         patch_vertices: most vertices of a patch without its halo.
     """
     widths = LAYOUTS[settings.architecture].divided(settings.width_divisor).widths
-    each = bytes_of_whole_pass(widths, value_bytes=_value_bytes(settings, max(widths))) + _BESIDE_LAYERS + _MATRICES_OF_PATCHES
+    each = (
+        bytes_of_whole_pass(widths, value_bytes=_type_between(settings, n_vertices).itemsize)
+        + _BESIDE_LAYERS
+        + _MATRICES_OF_PATCHES
+    )
     core = min(n_vertices, patch_vertices)
     # A disc of N vertices, of an area of sqrt(3)/2 each, and a ring around it as wide as there are layers.
     radius = math.sqrt(core * math.sqrt(0.75) / math.pi)
     halo = _LONGER_BORDER * math.pi * (2 * radius + len(widths)) * len(widths) / math.sqrt(0.75)
     largest = min(n_vertices, core + halo)
-    return int(_IN_ANY_CASE + each * n_vertices + _of_layers(settings, keep_outputs=False) * largest)
+    return int(_IN_ANY_CASE + each * n_vertices + _of_layers(settings, n_vertices, keep_outputs=False) * largest)
 
 
 def patch_vertices_for(settings: Settings, n_vertices: int) -> int:
@@ -137,21 +143,22 @@ def usable_memory(settings: Settings) -> float | None:
     return usable
 
 
-def _of_layers(settings: Settings, *, keep_outputs: bool) -> float:
-    """Return what the layers of Deep Mesh Prior take for each vertex."""
+def _of_layers(settings: Settings, n_vertices: int, *, keep_outputs: bool) -> float:
+    """Return what the layers of Deep Mesh Prior take for each vertex, in a mesh of ``n_vertices``."""
     widths = LAYOUTS[settings.architecture].divided(settings.width_divisor).widths
     if not _has_buffers(settings):
         each = _PLAIN_LAYERS * bytes_per_vertex(settings.input_channels, widths)
         return each * (settings.gmm_kernels if settings.convolution.startswith("gmm") else 1)
-    dtype = type_between_layers(settings.precision, max(widths))
+    dtype = _type_between(settings, n_vertices)
     fused = packing_for(dtype) is not None
     return float(
         bytes_per_vertex(settings.input_channels, widths, value_bytes=dtype.itemsize, keep_outputs=keep_outputs, fused=fused)
     )
 
 
-def _value_bytes(settings: Settings, widest: int) -> int:
-    return type_between_layers(settings.precision, widest).itemsize if _has_buffers(settings) else 4
+def _type_between(settings: Settings, n_vertices: int) -> torch.dtype:
+    widest = max(LAYOUTS[settings.architecture].divided(settings.width_divisor).widths)
+    return type_between_layers(settings.precision, widest, n_vertices)
 
 
 def _has_buffers(settings: Settings) -> bool:

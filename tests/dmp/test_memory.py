@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
-from dmp import memory, memory_needs
+from dmp import devices, memory, memory_needs
 from dmp.errors import SettingsError
 from dmp.memory import free_memory, gigabytes, held_memory, peak_memory
 from dmp.memory_needs import check_memory, has_room_for_outputs, memory_needed
@@ -111,6 +112,16 @@ def test_a_training_and_its_command_are_refused_before_they_begin(
     free(0.1)
     with pytest.raises(SettingsError, match="needs about"):
         training_for(problem, settings)
+
+
+def test_bfloat16_is_taken_by_itself_only_where_it_wins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(devices, "has_fast_bfloat16", lambda: True)
+    taken = [devices.type_between_layers("auto", widest, size) for widest, size in ((512, 100), (128, 9_000), (128, 11_000))]
+    assert taken == [torch.bfloat16, torch.float32, torch.bfloat16]
+    assert devices.type_between_layers("auto", 64, 10**6) == torch.float32
+    assert devices.type_between_layers("bfloat16", 64, 100) == torch.bfloat16
+    monkeypatch.setattr(devices, "has_fast_bfloat16", lambda: False)
+    assert devices.type_between_layers("auto", 512, 10**6) == torch.float32
 
 
 def test_a_bound_takes_the_longer_way_to_the_same_result(noisy_sphere: TriangleMesh, free: Callable[[float], None]) -> None:
