@@ -27,6 +27,7 @@ from dmp.topology import adjacency
 from dmp.training import Training
 
 if TYPE_CHECKING:
+    from dmp.compiled_losses import CompiledLosses
     from dmp.layers.stack_buffers import StackBuffers
     from dmp.patches.gradients import PatchedNetwork
 
@@ -86,6 +87,8 @@ class DeepMeshPrior(Training):
             )
         self._network = network.to(self.device)
         self._buffers: StackBuffers | None = None
+        self._compiled_losses: CompiledLosses | None = None
+        self._compiles_losses = self.device.type == "cpu"
         self._has_buffers = self.device.type == "cpu" and network.has_use_for_buffers
         self._between_layers = type_between_layers(settings.precision, max(layout.widths), n_vertices)
         # Where the layers of the whole mesh find no room, this many vertices at a time; 0 for all at once.
@@ -107,12 +110,26 @@ class DeepMeshPrior(Training):
         if self.settings.predict == "displacement":
             output = output + self._base
         self._output = output.detach()
+        total, data, laplacian = self._losses_of(output)
+        return {"total_loss": total, "data_loss": data, "laplacian_loss": laplacian}
+
+    def _losses_of(self, output: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Return total, data and Laplacian loss."""
+        if self._compiles_losses:
+            if self._compiled_losses is None:
+                # Loads the compiled kernels, which a program that trains nothing can do without.
+                from dmp.compiled_losses import CompiledLosses
+
+                self._compiled_losses = CompiledLosses(
+                    self.settings, self._target, self._adjacency, self._valence, self._fitted
+                )
+            return self._compiled_losses(output)
         data = data_loss(output, self._target, self._fitted)
         smoothed = output if self.settings.laplacian_of == "prediction" else output - self._target
         laplacian = laplacian_loss(
             smoothed, self._adjacency, self._valence, self.settings.laplacian_form, self.settings.laplacian_epsilon
         )
-        return {"total_loss": data + self.settings.laplacian_weight * laplacian, "data_loss": data, "laplacian_loss": laplacian}
+        return data + self.settings.laplacian_weight * laplacian, data, laplacian
 
     def _network_output(self) -> Tensor:
         """Return the network's output, (V, 3), making the memory for it in the first step."""

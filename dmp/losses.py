@@ -9,10 +9,10 @@ from dmp.operators import symmetric_product
 from dmp.settings import LaplacianForm
 
 # Keeps the gradient of the root finite where a residual is exactly 0; the value of the authors' code in its newest state.
-_EPSILON = 1e-12
+EPSILON = 1e-12
 
 
-def _mean_norm(vectors: Tensor, epsilon: float = _EPSILON) -> Tensor:
+def _mean_norm(vectors: Tensor, epsilon: float = EPSILON) -> Tensor:
     return torch.sqrt(vectors.square().sum(dim=1) + epsilon).mean()
 
 
@@ -32,7 +32,7 @@ def data_loss(predicted: Tensor, target: Tensor, fitted: Tensor | None = None) -
 
 
 def laplacian_loss(
-    predicted: Tensor, adjacency: Tensor, valence: Tensor, form: LaplacianForm = "mean", epsilon: float = _EPSILON
+    predicted: Tensor, adjacency: Tensor, valence: Tensor, form: LaplacianForm = "mean", epsilon: float = EPSILON
 ) -> Tensor:
     """E_lap: mean over all vertices of the norm of the uniform Laplacian of the prediction.
 

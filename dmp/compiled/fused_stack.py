@@ -53,8 +53,8 @@ class FusedStack:
         # Mean, scale and 1 / deviation of each layer; slope and constant of the one that a gradient is in.
         self._normalised = [torch.empty((3, n_out)) for _, n_out in self._sizes]
         self._slopes = torch.empty((2, widest))
-        self._own = torch.zeros((0, 2, ROWS, widest))
-        self._others = torch.zeros((0, self._n_weights))
+        # For each number of parts: blocks that a part has for itself, and gradients of the weights of all parts but the first.
+        self._of_parts: dict[int, tuple[Tensor, Tensor]] = {}
         self._packed = [self._room_for(*sizes) for sizes in self._sizes]
         self._forget()
 
@@ -131,10 +131,9 @@ class FusedStack:
         self._key, self._matrix, self._parameters = key, matrix, parameters
         self._sweep = matrix.sweep(torch.get_num_threads() if self._n_vertices * self._widest >= _WORTH_SHARING else 1)
         parts = self._sweep.n_parts
-        if len(self._own) < parts:
-            self._own = torch.zeros((parts, 2, ROWS, self._widest))
-        if len(self._others) < parts - 1:
-            self._others = torch.zeros((parts - 1, self._n_weights))
+        if parts not in self._of_parts:
+            self._of_parts[parts] = torch.zeros((parts, 2, ROWS, self._widest)), torch.zeros((parts - 1, self._n_weights))
+        self._own, self._others = self._of_parts[parts]
         self._block_starts = (np.arange(parts + 1) * matrix.n_blocks // parts).astype(np.int32)
         self._to_pack = {order: self._weights_to_pack(order) for order in (PLAIN, TRANSPOSED)}
         self._forward_table = self._table_forward(own_moments)

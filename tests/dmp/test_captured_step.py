@@ -41,7 +41,7 @@ def _training(mesh: TriangleMesh, recorder: DispatchRecorder | None = None, **ov
     training = training_for(denoising(mesh, settings), settings)
     assert isinstance(training, DeepMeshPrior)
     # The plain layers, which a GPU takes.
-    training._has_buffers, training._patch_vertices = False, 0
+    training._has_buffers, training._compiles_losses, training._patch_vertices = False, False, 0
     training._recorder = recorder
     return training
 
