@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from dmp.compiled import loss_kernels as kernels
 from dmp.compiled.phases import launch_parts
@@ -45,7 +46,13 @@ class CompiledLosses:
         return total, data, laplacian
 
     def compute(self, predicted: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the three losses, (3,), and the gradient of the first, (V, 3)."""
+        """Return the three losses, (3,), and the gradient of the first, (V, 3).
+
+        Raises:
+            ValueError: when there are other positions than the target has; addresses are all that a kernel sees.
+        """
+        if predicted.shape != self._target.shape or predicted.dtype != torch.float32:
+            raise ValueError(f"The losses are those of {len(self._target)} positions in float32.")
         predicted = predicted.contiguous()
         gradient, losses = torch.empty_like(predicted), torch.empty(3)
         given = (predicted, self._target, self._starts, self._columns, self._valence, self._shares, self._constants)
@@ -65,5 +72,6 @@ class _Losses(torch.autograd.Function):
         return total, data, laplacian
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
         return ctx.gradient * gradients[0], None

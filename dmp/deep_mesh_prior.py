@@ -204,7 +204,7 @@ class DeepMeshPrior(Training):
             self._average.lerp_(self._output, (1 - share.clamp(max=self.settings.average)).float())
 
     def _release(self) -> None:
-        self._buffers = self._patched = self._captured = None
+        self._buffers = self._compiled_losses = self._patched = self._captured = None
         if self._recorder is not None:
             self._recorder.forget()
 

@@ -8,9 +8,9 @@ import math
 import torch
 
 from dmp.compiled.packed_weights import packing_for
-from dmp.devices import choose_device, type_between_layers
+from dmp.devices import available_cores, choose_device, type_between_layers
 from dmp.errors import SettingsError
-from dmp.layers.stack_sizes import bytes_of_whole_pass, bytes_per_vertex
+from dmp.layers.stack_sizes import bytes_of_weights, bytes_of_whole_pass, bytes_per_vertex
 from dmp.memory import free_memory, gigabytes, held_memory
 from dmp.network import LAYOUTS
 from dmp.settings import Settings, settings_for
@@ -31,7 +31,7 @@ LARGEST_PATCH = _PATCHES[0]
 # A patch is longer than wide, and its border not straight: so much larger is its halo than that of a disc.
 _LONGER_BORDER = 1.5
 # Matrices of the patches, for each vertex of the mesh: seven numbers of a row, and some rows twice.
-_MATRICES_OF_PATCHES = 100
+_MATRICES_OF_PATCHES = 130
 # Part of the free memory that is counted on; other programs need some too.
 _USABLE = 0.9
 
@@ -50,7 +50,7 @@ def memory_needed(settings: Settings, n_vertices: int, *, keep_outputs: bool = T
         each = float(_MADE_UP_HOLES)
     else:
         each = _of_layers(settings, n_vertices, keep_outputs=keep_outputs) + _BESIDE_LAYERS
-    return int(_IN_ANY_CASE + each * n_vertices)
+    return int(_IN_ANY_CASE + _of_threads(settings) + each * n_vertices)
 
 
 def memory_needed_in_patches(settings: Settings, n_vertices: int, patch_vertices: int) -> int:
@@ -72,7 +72,12 @@ def memory_needed_in_patches(settings: Settings, n_vertices: int, patch_vertices
     radius = math.sqrt(core * math.sqrt(0.75) / math.pi)
     halo = _LONGER_BORDER * math.pi * (2 * radius + len(widths)) * len(widths) / math.sqrt(0.75)
     largest = min(n_vertices, core + halo)
-    return int(_IN_ANY_CASE + each * n_vertices + _of_layers(settings, n_vertices, keep_outputs=False) * largest)
+    return int(
+        _IN_ANY_CASE
+        + _of_threads(settings)
+        + each * n_vertices
+        + _of_layers(settings, n_vertices, keep_outputs=False) * largest
+    )
 
 
 def patch_vertices_for(settings: Settings, n_vertices: int) -> int:
@@ -156,6 +161,14 @@ def _of_layers(settings: Settings, n_vertices: int, *, keep_outputs: bool) -> fl
     )
 
 
+def _of_threads(settings: Settings) -> int:
+    """Return what the threads need for themselves."""
+    if not _has_buffers(settings):
+        return 0
+    widths = LAYOUTS[settings.architecture].divided(settings.width_divisor).widths
+    return (settings.threads or available_cores()) * bytes_of_weights(settings.input_channels, widths)
+
+
 def _type_between(settings: Settings, n_vertices: int) -> torch.dtype:
     widest = max(LAYOUTS[settings.architecture].divided(settings.width_divisor).widths)
     return type_between_layers(settings.precision, widest, n_vertices)
@@ -175,7 +188,7 @@ def _refusal(settings: Settings, n_vertices: int, needed: int, usable: float) ->
         return f"{text} Use --memory {(needed + held_memory()) / 1e9 + 0.1:.1f} or more."
     if _compact_fits(settings, n_vertices, usable):
         return f"{text} Use --preset compact, which needs less."
-    # The largest mesh that fits; what is needed grows with the mesh.
+    # The largest mesh that fits; what is needed grows with the mesh, but for a step of a few MB where bfloat16 begins.
     fitting = bisect.bisect_right(range(n_vertices), usable, key=lambda fewer: least_memory(settings, fewer)) - 1
     return f"{text} Close other programs, or reduce the mesh to {_rounded_down(max(0, fitting)):,} vertices or fewer."
 

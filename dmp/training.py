@@ -253,8 +253,9 @@ def _together(gradients: list[Tensor]) -> Iterator[Tensor]:
         by_memory.setdefault(gradient.untyped_storage().data_ptr(), []).append(gradient)
     for group in by_memory.values():
         memory = group[0].untyped_storage()
-        if len(group) > 1 and sum(gradient.nbytes for gradient in group) == memory.nbytes():
-            yield torch.empty(0, dtype=group[0].dtype).set_(memory)
+        places = {gradient.storage_offset() for gradient in group}
+        if 1 < len(group) == len(places) and sum(gradient.nbytes for gradient in group) == memory.nbytes():
+            yield torch.empty(0, dtype=group[0].dtype, device=group[0].device).set_(memory)
         else:
             yield from group
 

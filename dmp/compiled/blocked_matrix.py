@@ -51,7 +51,7 @@ class Sweep:
 
 
 class BlockedMatrix:
-    """A CSR matrix (V, V) with numbers of 32 bits, whose rows are worked on in blocks of 64."""
+    """A CSR matrix (V, V) with numbers of 32 bits, whose rows are worked on in blocks of 128."""
 
     def __init__(self, matrix: Tensor) -> None:
         self._starts = matrix.crow_indices().to(torch.int32).contiguous()
@@ -69,7 +69,7 @@ class BlockedMatrix:
         return self._starts.data_ptr(), self._columns.data_ptr(), self._values.data_ptr()
 
     def sweep(self, threads: int) -> Sweep:
-        """Return the division for so many threads; results are the same for all of them."""
+        """Return the division for so many threads."""
         if threads not in self._sweeps:
             self._sweeps[threads] = self._divided(min(threads, self.n_blocks))
         return self._sweeps[threads]
@@ -96,7 +96,7 @@ class BlockedMatrix:
         counts = np.bincount(part_of_block[inside], minlength=parts)
         others = np.flatnonzero(~is_inside).astype(np.int32)
         queue_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        slots, n_slots = self._slots(block_bounds, queue_starts, queue, others)
+        slots, n_slots = self._slots(block_bounds, queue, others)
         columns = self._columns.numpy()
         return Sweep(
             bounds=bounds,
@@ -110,9 +110,7 @@ class BlockedMatrix:
             columns=slots[columns // ROWS] * np.int32(ROWS) + columns % ROWS,
         )
 
-    def _slots(
-        self, block_bounds: NDArray[Any], queue_starts: NDArray[Any], queue: NDArray[Any], others: NDArray[Any]
-    ) -> tuple[NDArray[np.int32], int]:
+    def _slots(self, block_bounds: NDArray[Any], queue: NDArray[Any], others: NDArray[Any]) -> tuple[NDArray[np.int32], int]:
         """Return a place for each block of rows, and the number of places."""
         first, last = self._lowest // ROWS, self._highest // ROWS
         # For each block that after whose beginning nothing more is wanted of it.

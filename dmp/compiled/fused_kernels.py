@@ -25,14 +25,15 @@ from dmp.compiled.stack_rows import (
     moments_rows,
     sums_rows,
 )
+from dmp.compiled.vectors import LANES
 
 # What is done in a phase.
 SWEEP, FINISH, ACTIVATE, SUMS, JOIN_MOMENTS, JOIN_SUMS, PACK, ADD_UP = range(8)
 # The ways through a layer: forward and backward, where the product with the weights comes before P, and where P comes first.
 FORWARD_MULTIPLYING, FORWARD_GATHERING, BACKWARD_MULTIPLYING, BACKWARD_GATHERING = range(4)
 
-# What stands where in a phase; addresses, but for kind, way, sizes and mask. All that does not apply is 0.
-SLOTS = (
+# What stands where in a phase: addresses, but for kind, way, sizes and counts. All that does not apply is 0.
+FIELDS = (
     *("kind", "way", "n_rows", "n_in", "n_out"),
     # P; which rows belong to a part, which blocks are finished in it, and the largest column of each of all blocks.
     *("starts", "columns", "values", "bounds", "queue_starts", "queue", "highest"),
@@ -61,15 +62,13 @@ SLOTS = (
     _GATHERED, _FIRST_SUMS, _SECOND_SUMS, _JOINED,
     _OF_Y, _OF_BEFORE, _OF_GAMMA, _OF_BETA, _OF_WEIGHT, _OF_WEIGHT_OTHERS, _OTHERS_BYTES,
     _OUTPUT, _PACK, _WEIGHTS, _N_WEIGHTS,
-) = range(len(SLOTS))  # fmt: skip
+) = range(len(FIELDS))  # fmt: skip
 
 # Numbers that describe a matrix of weights to be packed.
 WEIGHT_WORDS = 5
 
 _SIZE, _WORD_SIZE = 4, 8  # bytes of a float32 and of an int64
-_PHASE_BYTES = _WORD_SIZE * len(SLOTS)
-# Channels and weights are divided among the parts by whole vectors.
-_LANES = 16
+_PHASE_BYTES = _WORD_SIZE * len(FIELDS)
 
 
 @row_function
@@ -96,9 +95,9 @@ def _place(job, first, channels):
 
 @row_function
 def _share(part, parts, count):
-    """Return the first of ``count`` numbers of a part, and the one after its last."""
-    vectors = (count + _LANES - 1) // _LANES
-    return min(count, part * vectors // parts * _LANES), min(count, (part + 1) * vectors // parts * _LANES)
+    """Return the first of ``count`` numbers of a part, and the one after its last: whole vectors."""
+    vectors = (count + LANES - 1) // LANES
+    return min(count, part * vectors // parts * LANES), min(count, (part + 1) * vectors // parts * LANES)
 
 
 @row_function
@@ -138,6 +137,9 @@ def _multiply(job, x, y, n_in, n_out):
 
 @row_function
 def _moments(job, first):
+    """Write what the moments of z are made of, unless they are given."""
+    if job[_FIRST_SUMS] == 0:
+        return
     channels = job[_OUT]
     place = _at(0, first // ROWS, channels)
     moments_rows(

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from dmp.compiled import fused_kernels as kernels
+from dmp.compiled import stack_passes
 from dmp.compiled.blocked_matrix import BlockedMatrix
 from dmp.compiled.packed_weights import PLAIN, TRANSPOSED, Packing
 from dmp.compiled.phase_table import Later, PhaseTable, Value
@@ -77,9 +78,15 @@ class FusedStack:
         Args:
             features: (V, in).
             matrix: P.
-            parameters: weight (in, out), bias, gamma and beta of each layer, contiguous.
+            parameters: weight (in, out), bias, gamma and beta of each layer, float32 and contiguous.
             moments: mean and 1 / deviation by which each layer is normalised; None for its own.
+
+        Raises:
+            ValueError: when anything has another size or type than the layers were made for; addresses are all that a kernel
+                sees.
         """
+        if features.shape != (self._n_vertices, self._sizes[0][0]):
+            raise ValueError(f"The layers were made for {self._n_vertices} vertices with {self._sizes[0][0]} features.")
         self._prepare(matrix, parameters, moments is None)
         self._features[: self._n_vertices] = features
         if moments is not None:
@@ -89,15 +96,16 @@ class FusedStack:
         output = torch.empty((self._n_vertices, self._sizes[-1][1]))
         assert self._forward_table is not None
         self._forward_table.run(output=output.data_ptr())
-        return output
+        return output.to(features.dtype)
 
     def backward(self, gradient: Tensor, *, of_features: bool) -> tuple[Tensor | None, list[Tensor]]:
         """Return the gradient of the features, where that is asked for, and those of the parameters, in their order.
 
         Args:
-            gradient: that of the output, (V, out), contiguous.
+            gradient: that of the output, (V, out).
             of_features: whether that of the features is wanted.
         """
+        gradient = gradient.float().contiguous()
         table = self._backward_tables.get(of_features)
         if table is None:
             table = self._backward_tables[of_features] = self._backward_table(of_features)
@@ -127,9 +135,14 @@ class FusedStack:
         key = torch.get_num_threads(), own_moments, *(parameter.data_ptr() for parameter in parameters)
         if self._matrix is matrix and self._key == key:
             return
+        if matrix.n_rows != self._n_vertices:
+            raise ValueError(f"The layers were made for {self._n_vertices} vertices, and the matrix has {matrix.n_rows} rows.")
+        if any(parameter.dtype != torch.float32 or not parameter.is_contiguous() for parameter in parameters):
+            raise ValueError("The parameters must be float32 and contiguous.")
         self._forget()
         self._key, self._matrix, self._parameters = key, matrix, parameters
-        self._sweep = matrix.sweep(torch.get_num_threads() if self._n_vertices * self._widest >= _WORTH_SHARING else 1)
+        is_worth_sharing = self._n_vertices * self._widest >= stack_passes.WORTH_SHARING
+        self._sweep = matrix.sweep(torch.get_num_threads() if is_worth_sharing else 1)
         parts = self._sweep.n_parts
         if parts not in self._of_parts:
             self._of_parts[parts] = torch.zeros((parts, 2, ROWS, self._widest)), torch.zeros((parts - 1, self._n_weights))
@@ -145,6 +158,8 @@ class FusedStack:
         for layer in range(len(self._sizes)):
             way = kernels.FORWARD_MULTIPLYING if self._gathered[layer] is None else kernels.FORWARD_GATHERING
             values = {**self._values(layer), "way": way}
+            if not own_moments:
+                values["first_sums"] = 0
             if layer == 0 and way == kernels.FORWARD_GATHERING:
                 # The features are all there, so there is nothing to begin with.
                 values |= {"places": self._features.data_ptr(), "columns": matrix.addresses[1]}
@@ -253,10 +268,6 @@ class FusedStack:
             sizes = (n_in, n_out) if order == PLAIN else (n_out, n_in)
             weights[layer] = (self._parameters[4 * layer].data_ptr(), _aligned(self._packed[layer]), *sizes, order)
         return weights
-
-
-# Values below which waiting for another thread costs more than it saves.
-_WORTH_SHARING = 1 << 15
 
 
 def _aligned(memory: Tensor) -> int:

@@ -20,7 +20,7 @@ class Later(NamedTuple):
 
 Value: TypeAlias = "int | Later"
 
-_PLACES = {name: place for place, name in enumerate(kernels.SLOTS)}
+_PLACES = {name: place for place, name in enumerate(kernels.FIELDS)}
 
 
 class PhaseTable:
@@ -34,8 +34,8 @@ class PhaseTable:
         self._table: np.ndarray | None = None
 
     def add(self, kind: int, **values: Value) -> None:
-        """Add a phase of a ``kind``, with ``values`` for some of its :data:`~dmp.compiled.fused_kernels.SLOTS`."""
-        phase = [0] * len(kernels.SLOTS)
+        """Add a phase of a ``kind``, with ``values`` for some of its :data:`~dmp.compiled.fused_kernels.FIELDS`."""
+        phase = [0] * len(kernels.FIELDS)
         phase[_PLACES["kind"]] = kind
         for name, value in values.items():
             if isinstance(value, Later):

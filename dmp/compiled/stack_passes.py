@@ -17,7 +17,7 @@ from dmp.compiled.stack_rows import ROWS
 
 # Parts for each thread, so that one that is held up holds up little; and values below which waiting for another thread costs
 # more than it saves.
-_PARTS, _WORTH_SHARING = 4, 1 << 15
+_PARTS, WORTH_SHARING = 4, 1 << 15
 
 
 class StackPasses:
@@ -153,7 +153,7 @@ class StackPasses:
 
     def _threads(self, channels: int) -> int:
         """Return among how many threads to divide passes over all rows."""
-        return torch.get_num_threads() if self._n_vertices * channels >= _WORTH_SHARING else 1
+        return torch.get_num_threads() if self._n_vertices * channels >= WORTH_SHARING else 1
 
     def _parts(self, blocks: int, channels: int) -> int:
         threads = self._threads(channels)

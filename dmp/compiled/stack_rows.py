@@ -13,7 +13,7 @@ import numpy as np
 from dmp.compiled.pointers import row_function
 from dmp.compiled.vectors import LANES, fetch_ahead, load, nothing, store, times, where_positive, wide
 
-# Rows in a block. Sums over vertices are kept block by block and added up in a fixed order, so that no result depends on how
+# Rows in a block. Sums over vertices are kept block by block and added up in a fixed order, so that no moments depend on how
 # many threads there are.
 ROWS = 128
 # Rows whose values for 16 channels are added up in registers; more would leave the first cache.

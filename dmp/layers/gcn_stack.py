@@ -7,8 +7,9 @@ batch normalisation takes off again. Here each layer is
     z = P x W,    u = gamma (z - mean) / deviation + beta,    y = LeakyReLU(u),
 
 with the sparse product P taken on the narrower side, and all that is no matrix product done by compiled kernels in few passes:
-y is made where the next layer needs it, and sums over the vertices are taken of what has just been written. The bias of a
-convolution in front of a batch normalisation changes nothing, so it is left out, and its gradient is exactly 0.
+y is made where the next layer needs it, and sums over the vertices are taken of what has just been written. In float32, where
+weights can be packed, all layers are one launch (:mod:`dmp.compiled.fused_stack`); what follows here is for all else. The bias
+of a convolution in front of a batch normalisation changes nothing, so it is left out, and its gradient is exactly 0.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from typing import Any, TypeAlias
 
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from dmp.compiled.blocked_matrix import BlockedMatrix
 from dmp.compiled.layer_steps import Backward, Derivative, Forward, Normalised
@@ -95,12 +97,13 @@ class _GcnStack(torch.autograd.Function):
         return output.to(features.dtype)
 
     @staticmethod
+    @once_differentiable
     def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor | None, ...]:
         buffers: StackBuffers = ctx.buffers
         if buffers.generation != ctx.generation:
             raise RuntimeError("The buffers of the network have been used by another forward pass since.")
         if buffers.fused is not None:
-            of_features, of_parameters = buffers.fused.backward(gradients[0].contiguous(), of_features=ctx.needs_input_grad[0])
+            of_features, of_parameters = buffers.fused.backward(gradients[0], of_features=ctx.needs_input_grad[0])
             return of_features, None, None, None, *of_parameters
         layers, normalised, matrix, passes = _by_layer(ctx.parameters), ctx.normalised, ctx.matrix, buffers.passes
         found: list[Tensor | None] = []

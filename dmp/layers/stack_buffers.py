@@ -22,12 +22,11 @@ class StackBuffers:
     Attributes:
         dtype: in which activations are kept: float32 or bfloat16.
         keep_outputs: whether outputs of layers that are needed again are kept beside what they are computed from. Without, a
-            step takes longer and a training less memory.
+            step takes longer and a training less memory. Never where all layers are one launch, which has no use for them.
         generation: number of forward passes that have used the buffers.
         mixed: what each layer normalises, z, (V, out).
         gathered: P x for the layers that begin with it, (V, in), else None.
         fused: all layers in one launch, where that can be done: in float32, with a product for it.
-        passes: what is done with them one by one, elsewhere.
     """
 
     def __init__(
@@ -70,7 +69,7 @@ class StackBuffers:
         again = outputs_wanted_again(input_channels, widths)
         self._outputs = [rows(width) if a and keep_outputs else None for width, a in zip(widths, again, strict=True)]
         self.fused = FusedStack(packing, input_channels, self.mixed, self.gathered, self._scratch) if packing else None
-        self.passes = StackPasses(n_vertices, self._widest)
+        self._passes = None if self.fused else StackPasses(n_vertices, self._widest)
 
     def first(self, n_vertices: int) -> StackBuffers:
         """Return buffers for fewer vertices in the same memory; of these and those only one can be in use at a time."""
@@ -81,7 +80,7 @@ class StackBuffers:
         part.gathered = [None if rows is None else rows[:n_vertices] for rows in self.gathered]
         part._outputs = [None if rows is None else rows[:n_vertices] for rows in self._outputs]
         part.fused = self.fused.first(part.mixed, part.gathered) if self.fused else None
-        part.passes = StackPasses(n_vertices, self._widest)
+        part._passes = None if part.fused else StackPasses(n_vertices, self._widest)
         return part
 
     def blocked(self, propagation: Tensor) -> BlockedMatrix:
@@ -90,8 +89,17 @@ class StackBuffers:
             self._matrix = propagation, BlockedMatrix(propagation)
         return self._matrix[1]
 
+    @property
+    def passes(self) -> StackPasses:
+        """What is done with the layers one by one, where they are not one launch."""
+        assert self._passes is not None
+        return self._passes
+
     def scratch(self, number: int, channels: int) -> Tensor:
-        """Return a working place (V, channels): number 0, 1 or 2. Its content lasts until the next that asks for it."""
+        """Return a working place (V, channels): number 0 to 2, or 3 for :meth:`output`.
+
+        Its content lasts until the next that asks for it.
+        """
         return self._scratch[number][: self._n_vertices * channels].view(self._n_vertices, channels)
 
     def output(self, layer: int) -> Tensor:

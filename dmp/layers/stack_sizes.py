@@ -19,7 +19,7 @@ def outputs_wanted_again(input_channels: int, widths: Sequence[int]) -> list[boo
 def bytes_per_vertex(
     input_channels: int, widths: Sequence[int], *, value_bytes: int = 4, keep_outputs: bool = True, fused: bool = False
 ) -> int:
-    """Return what :class:`dmp.layers.stack_buffers.StackBuffers` takes for each vertex, less than a byte for sums apart.
+    """Return what :class:`dmp.layers.stack_buffers.StackBuffers` takes for each vertex, but for sums of blocks.
 
     Args:
         input_channels: channels of the features.
@@ -37,6 +37,11 @@ def bytes_per_vertex(
         wanted = outputs_wanted_again(input_channels, widths)
         values += sum(width for width, again in zip(widths, wanted, strict=True) if again)
     return value_bytes * values
+
+
+def bytes_of_weights(input_channels: int, widths: Sequence[int]) -> int:
+    """Return what each thread needs for its part of the gradient of all weights."""
+    return 4 * sum(i * o for i, o in pairwise((input_channels, *widths)))
 
 
 def bytes_of_whole_pass(widths: Sequence[int], *, value_bytes: int = 4) -> int:

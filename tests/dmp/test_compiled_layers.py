@@ -12,9 +12,10 @@ from scipy import sparse
 from torch import Tensor, nn
 from torch.nn import functional
 
-from dmp.compiled import fused_stack, launching, stack_passes
+from dmp.compiled import launching, stack_passes
 from dmp.compiled.blocked_matrix import BlockedMatrix
 from dmp.compiled.layer_steps import Normalised
+from dmp.compiled.packed_weights import packing_for
 from dmp.compiled.stack_passes import StackPasses
 from dmp.compiled.stack_rows import ROWS
 from dmp.layers import GraphConvolution, stack_buffers
@@ -29,8 +30,7 @@ _VERTICES, _CHANNELS = 5 * ROWS + 13, (1, 3, 16, 17, 40, 64)
 @pytest.fixture(autouse=True)
 def _share_small_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """Divide even what is too small to be worth it."""
-    for module in (stack_passes, fused_stack):
-        monkeypatch.setattr(module, "_WORTH_SHARING", 0)
+    monkeypatch.setattr(stack_passes, "WORTH_SHARING", 0)
 
 
 @pytest.fixture(params=[1, 2, 3])
@@ -199,6 +199,7 @@ def test_all_layers_in_one_launch_equal_the_same_in_many_passes(
                 assert not found.any(), name
 
 
+@pytest.mark.skipif(packing_for(torch.float32) is None, reason="torch brings no MKL along on this processor")
 @pytest.mark.parametrize("sizes", _SIZES)
 def test_threads_change_the_order_of_the_sums_for_the_weights_alone_and_repetition_no_digit(sizes: tuple[int, ...]) -> None:
     layers, before = _Layers(sizes, 40), torch.get_num_threads()
@@ -214,6 +215,56 @@ def test_threads_change_the_order_of_the_sums_for_the_weights_alone_and_repetiti
                 _close(tensor, results[0][name], 1e-5)
             else:
                 assert torch.equal(tensor, results[0][name]), name
+
+
+def test_the_same_buffers_follow_whatever_changes_between_two_passes() -> None:
+    layers, before = _Layers((5, 17, 64, 40), 40), torch.get_num_threads()
+    other = _Layers((5, 17, 64, 40), 20)
+    given = [(_values(c, seed=7), _values(c, seed=8).abs() + 0.5) for c in layers.widths]
+    buffers = layers.buffers()
+
+    def more_threads() -> None:
+        torch.set_num_threads(2)
+
+    def another_matrix() -> None:
+        layers._matrix = other._matrix
+
+    def other_weights() -> None:
+        for convolution in layers._convolutions:
+            convolution.weight.data = 1.5 * convolution.weight.data
+
+    torch.set_num_threads(1)
+    for moments, change in (
+        (None, more_threads),
+        (None, another_matrix),
+        (None, other_weights),
+        (given, more_threads),
+        (None, None),
+    ):
+        expected = layers.run(layers.buffers(), moments)
+        found = layers.run(buffers, moments)
+        assert all(torch.equal(found[name], tensor) for name, tensor in expected.items()), change
+        if change is not None:
+            change()
+    torch.set_num_threads(before)
+
+
+def test_what_a_kernel_would_misread_is_refused() -> None:
+    layers = _Layers((16, 16), 40)
+    buffers = layers.buffers()
+    if buffers.fused is None:
+        pytest.skip("torch brings no MKL along on this processor")
+    layers._features = layers._features[:50]
+    with pytest.raises(ValueError, match=f"made for {_VERTICES} vertices with 16 features"):
+        layers.run(buffers)
+    layers = _Layers((16, 16), 40)
+    layers._convolutions[0].weight.data = layers._convolutions[0].weight.data.T
+    with pytest.raises(ValueError, match="float32 and contiguous"):
+        layers.run(buffers)
+    layers = _Layers((16, 16), 40)
+    layers._matrix = to_torch(sparse.eye_array(_VERTICES + 1, format="csr"))
+    with pytest.raises(ValueError, match=f"the matrix has {_VERTICES + 1} rows"):
+        layers.run(buffers)
 
 
 @pytest.mark.parametrize("reach", [0, 20, 150])

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from dmp.deep_mesh_prior import DeepMeshPrior
-from dmp.layers import ChebyshevConvolution
+from dmp.layers import ChebyshevConvolution, stack_buffers
 from dmp.layers.gcn_stack import gcn_stack
 from dmp.layers.stack_buffers import StackBuffers
 from dmp.layers.stack_sizes import bytes_per_vertex
@@ -48,8 +48,12 @@ def _error(found: Tensor, expected: Tensor) -> float:
     return float((found - expected).abs().max() / expected.abs().max())
 
 
-@pytest.mark.parametrize("keep_outputs", [True, False])
-def test_outputs_and_gradients_equal_those_of_automatic_derivatives(sphere: TriangleMesh, keep_outputs: bool) -> None:
+@pytest.mark.parametrize(("keep_outputs", "fused"), [(True, True), (True, False), (False, False)])
+def test_outputs_and_gradients_equal_those_of_automatic_derivatives(
+    sphere: TriangleMesh, keep_outputs: bool, fused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not fused:
+        monkeypatch.setattr(stack_buffers, "packing_for", lambda _: None)
     network, graph = _network(), _propagation(sphere)
     features = torch.randn(sphere.n_vertices, 16, generator=torch.Generator().manual_seed(1))
     buffers = network.buffers_for(sphere.n_vertices, keep_outputs=keep_outputs)

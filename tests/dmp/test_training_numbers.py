@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -46,8 +46,16 @@ def _spoil_loss(training: Training) -> None:
 
 
 def _spoil_gradient(training: Training) -> None:
-    parameter = list(training._network.parameters())[-1]
-    parameter.register_hook(lambda gradient: gradient * float("nan"))
+    compute = training._compute_gradients
+
+    def spoilt() -> Mapping[str, torch.Tensor]:
+        losses = compute()
+        gradient = next(training._network.parameters()).grad
+        assert gradient is not None
+        gradient.view(-1)[1] = float("nan")
+        return losses
+
+    training._compute_gradients = spoilt  # type: ignore[method-assign]
 
 
 def _spoil_output(training: Training) -> None:
