@@ -13,8 +13,8 @@ from pathlib import Path
 
 import torch
 
-# How MKL is told that a matrix is packed as it is, or transposed, and that it will be the right factor.
-PLAIN, TRANSPOSED, _RIGHT_FACTOR = 111, 112, 162
+# How MKL is told of the order of numbers: row by row; a factor as it is, transposed, packed; and that it is the right factor.
+BY_ROWS, PLAIN, TRANSPOSED, PACKED, RIGHT_FACTOR = 101, 111, 112, 151, 162
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Packing:
 
     def bytes_for(self, n_in: int, n_out: int, rows: int) -> int:
         """Return the bytes of packed weights (in, out) by which always so many ``rows`` are multiplied."""
-        return self.room(_RIGHT_FACTOR, rows, n_out, n_in)
+        return self.room(RIGHT_FACTOR, rows, n_out, n_in)
 
 
 def packing_for(dtype: torch.dtype) -> Packing | None:

@@ -11,14 +11,14 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
+from dmp.compiled.packed_weights import BY_ROWS, PACKED, PLAIN, RIGHT_FACTOR, TRANSPOSED
+
 # Fused multiply and add, and no care for the sign of 0; sums keep their order, so that results repeat bit for bit.
 OPTIONS = {"nogil": True, "fastmath": {"contract", "nsz"}, "error_model": "numpy", "boundscheck": False}
 row_function = njit(**OPTIONS)
 
 _FLOATS, _HALVES, _NUMBERS = types.CPointer(types.float32), types.CPointer(types.uint16), types.CPointer(types.int32)
 _DOUBLES, _WORDS = types.CPointer(types.float64), types.CPointer(types.int64)
-# How MKL is told of an order of numbers.
-_BY_ROWS, _PLAIN, _TRANSPOSED, _PACKED, _RIGHT_FACTOR = 101, 111, 112, 151, 162
 
 
 def _pointer_to(result):
@@ -85,7 +85,7 @@ def multiply_rows(typing_context, function, rows, features, packed, out, n_in, n
     def generate(context, builder, signature, arguments):
         function, rows, features, packed, out, n_in, n_out = arguments
         factors = (features, n_in), (packed, n_out)
-        _call_product(builder, function, (_BY_ROWS, _PLAIN, _PACKED), (rows, n_out, n_in), factors, 0.0, (out, n_out))
+        _call_product(builder, function, (BY_ROWS, PLAIN, PACKED), (rows, n_out, n_in), factors, 0.0, (out, n_out))
         return context.get_dummy_value()
 
     return types.void(*[types.int64] * 7), generate
@@ -98,7 +98,7 @@ def add_product(typing_context, function, rows, features, gradients, out, n_in, 
     def generate(context, builder, signature, arguments):
         function, rows, features, gradients, out, n_in, n_out = arguments
         factors = (features, n_in), (gradients, n_out)
-        _call_product(builder, function, (_BY_ROWS, _TRANSPOSED, _PLAIN), (n_in, n_out, rows), factors, 1.0, (out, n_out))
+        _call_product(builder, function, (BY_ROWS, TRANSPOSED, PLAIN), (n_in, n_out, rows), factors, 1.0, (out, n_out))
         return context.get_dummy_value()
 
     return types.void(*[types.int64] * 7), generate
@@ -116,9 +116,9 @@ def pack_weights(typing_context, function, rows, weights, packed, n_in, n_out, o
         function, rows, weights, packed, n_in, n_out, order = arguments
         weights, packed = (builder.inttoptr(address, pointer) for address in (weights, packed))
         rows, n_in, n_out, order = (builder.trunc(size, word) for size in (rows, n_in, n_out, order))
-        is_transposed = builder.icmp_signed("==", order, ir.Constant(word, _TRANSPOSED))
+        is_transposed = builder.icmp_signed("==", order, ir.Constant(word, TRANSPOSED))
         length = builder.select(is_transposed, n_in, n_out)
-        by_rows, right_factor, one = ir.Constant(word, _BY_ROWS), ir.Constant(word, _RIGHT_FACTOR), ir.Constant(real, 1.0)
+        by_rows, right_factor, one = ir.Constant(word, BY_ROWS), ir.Constant(word, RIGHT_FACTOR), ir.Constant(real, 1.0)
         given = [by_rows, right_factor, order, rows, n_out, n_in, one, weights, length, packed]
         kind = ir.FunctionType(ir.VoidType(), [argument.type for argument in given])
         builder.call(builder.inttoptr(function, kind.as_pointer()), given)
