@@ -194,7 +194,7 @@ class Training(ABC):
         """Look at the loss of a step and its gradient, or have the device remember what there is to see."""
         gradients = [parameter.grad for parameter in self._network.parameters() if parameter.grad is not None]
         # The largest value: the usual norm overflows although each value is finite, and torch's largest norm is slow.
-        extremes = [extreme for gradient in _together(gradients) for extreme in torch.aminmax(gradient)]
+        extremes = [extreme for gradient in gradients for extreme in torch.aminmax(gradient)]
         largest = torch.stack(extremes).abs().max()
         if self._looks_at_each_step:
             self._check_loss(loss.item(), self.step + 1)
@@ -244,20 +244,6 @@ class Training(ABC):
         wanted = ahead_of_time or self.step % self.settings.snapshot_every == 0 or self.is_done
         snapshot = Snapshot(self.run_id, self.step, self.problem.placed(vertices), metrics, self.seconds) if wanted else None
         return StepRecord(self.step, self.seconds, metrics, snapshot)
-
-
-def _together(gradients: list[Tensor]) -> Iterator[Tensor]:
-    """Yield gradients that fill one piece of memory together as one, all others one by one."""
-    by_memory: dict[int, list[Tensor]] = {}
-    for gradient in gradients:
-        by_memory.setdefault(gradient.untyped_storage().data_ptr(), []).append(gradient)
-    for group in by_memory.values():
-        memory = group[0].untyped_storage()
-        places = {gradient.storage_offset() for gradient in group}
-        if 1 < len(group) == len(places) and sum(gradient.nbytes for gradient in group) == memory.nbytes():
-            yield torch.empty(0, dtype=group[0].dtype, device=group[0].device).set_(memory)
-        else:
-            yield from group
 
 
 class _Stopwatch:

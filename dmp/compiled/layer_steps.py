@@ -78,15 +78,13 @@ class Backward:
 
     Attributes:
         matrix: P.
-        gradient: that of y, (V, out); may be written over.
+        gradient: that of y, (V, out); that of z is written over it.
         layer: the layer.
         derivative: of the layer.
         weight: W, (in, out).
         between: place for the gradient of z times the transposed weights, (V, in), or for P times it, (V, out).
         of_before: place for the gradient of the y before, (V, in).
         before: the layer before.
-        multiplied: what the weights were multiplied by, (V, in): P y where that came first, else y.
-        is_kept: whether it is still there; if not, it is y, and made once more.
     """
 
     matrix: BlockedMatrix
@@ -97,5 +95,3 @@ class Backward:
     between: Tensor
     of_before: Tensor
     before: Layer
-    multiplied: Tensor
-    is_kept: bool

@@ -103,21 +103,17 @@ class StackPasses:
         torch.mm(step.between, step.weight, out=step.mixed)
         return self.moments(step.mixed)
 
-    def backward_multiplying(self, step: Backward) -> tuple[Derivative, Tensor]:
-        """Go back through a layer that multiplies first; return the derivative of the layer before, and of the weights."""
+    def backward_multiplying(self, step: Backward) -> Derivative:
+        """Go back through a layer that multiplies first, and return the derivative of the layer before."""
         self.derive_gather(step.matrix, step.gradient, step.layer, step.derivative, step.between)
         torch.mm(step.between, step.weight.T, out=step.of_before)
-        if not step.is_kept:
-            # By the very operation of the forward pass, so that not a digit differs.
-            self.activate(*step.before, step.multiplied)
-        return self.sums(step.of_before, *step.before), torch.mm(step.multiplied.T, step.between)
+        return self.sums(step.of_before, *step.before)
 
-    def backward_gathering(self, step: Backward) -> tuple[Derivative, Tensor]:
-        """Go back through a layer that gathers first; return the derivative of the layer before, and of the weights."""
+    def backward_gathering(self, step: Backward) -> Derivative:
+        """Go back through a layer that gathers first, and return the derivative of the layer before."""
         self.derive(step.gradient, *step.layer, step.derivative)
         torch.mm(step.gradient, step.weight.T, out=step.between)
-        of_weight = torch.mm(step.multiplied.T, step.gradient)
-        return self.gather_sums(step.matrix, step.between, step.of_before, *step.before), of_weight
+        return self.gather_sums(step.matrix, step.between, step.of_before, *step.before)
 
     @property
     def _sums_at(self) -> tuple[int, int]:

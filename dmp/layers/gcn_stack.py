@@ -120,12 +120,17 @@ class _GcnStack(torch.autograd.Function):
             place = 2 - place
             of_before = buffers.scratch(place, weight.shape[0])
             between = buffers.scratch(1, weight.shape[1 if gathered is None else 0])
-            multiplied = buffers.output(layer - 1) if gathered is None else gathered
-            is_kept = gathered is not None or buffers.keep_outputs
-            step = Backward(matrix, current, own, derivative, rounded, between, of_before, before, multiplied, is_kept)
-            go_back = passes.backward_multiplying if gathered is None else passes.backward_gathering
-            derivative, of_weight = go_back(step)
-            found[0] = of_weight.to(weight.dtype)
+            step = Backward(matrix, current, own, derivative, rounded, between, of_before, before)
+            if gathered is not None:
+                derivative = passes.backward_gathering(step)
+                found[0] = torch.mm(gathered.T, current).to(weight.dtype)
+            else:
+                derivative = passes.backward_multiplying(step)
+                output = buffers.output(layer - 1)
+                if not buffers.keep_outputs:
+                    # By the very operation of the forward pass, so that not a digit differs.
+                    passes.activate(*before, output)
+                found[0] = torch.mm(output.T, between).to(weight.dtype)
             current = of_before
         of_features, of_weight = _first_backward(ctx, current, derivative, buffers.scratch(1, layers[0][0].shape[1]))
         first = [of_weight, torch.zeros_like(layers[0][1]), derivative.of_gamma, derivative.of_beta]

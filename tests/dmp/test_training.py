@@ -84,13 +84,17 @@ def test_a_state_of_another_network_is_refused(noisy_sphere: TriangleMesh) -> No
 
 
 def test_results_do_not_depend_on_the_units_and_place_of_the_file(noisy_sphere: TriangleMesh) -> None:
-    # Two steps: rounding differs, and Adam makes whole steps of gradients that are next to 0, so differences grow at once.
-    settings = _settings(steps=2)
-    *_, here = train(denoising(noisy_sphere, settings), settings)
+    # Few steps and several seeds: rounding differs, and Adam makes whole steps of gradients next to 0, so differences grow fast
+    # with some seeds.
     moved = noisy_sphere.with_vertices(1e-3 * noisy_sphere.vertices + [1e3, -1e3, 5e2])
-    *_, there = train(denoising(moved, settings), settings)
-    assert (there.vertices - [1e3, -1e3, 5e2]) * 1e3 == pytest.approx(here.vertices, abs=1e-4)
-    assert there.metrics["data_loss"] == pytest.approx(here.metrics["data_loss"], rel=1e-4)
+    moves, losses = [], []
+    for seed in range(5):
+        settings = _settings(steps=3, seed=seed)
+        *_, here = train(denoising(noisy_sphere, settings), settings)
+        *_, there = train(denoising(moved, settings), settings)
+        moves.append(np.abs((there.vertices - [1e3, -1e3, 5e2]) * 1e3 - here.vertices).max())
+        losses.append(abs(there.metrics["data_loss"] / here.metrics["data_loss"] - 1))
+    assert np.median(moves) < 1e-5 and np.median(losses) < 1e-5
 
 
 def test_held_out_vertices_never_enter_the_data_term(noisy_sphere: TriangleMesh) -> None:
