@@ -14,6 +14,8 @@ _BETAS, _EPSILON = (0.9, 0.999), 1e-8
 class Adam:
     """Adam (Kingma & Ba 2015) with the usual decays 0.9 and 0.999: same arithmetic and same states as ``torch.optim.Adam``.
 
+    On a processor all parameters are gone through in one launch (:mod:`dmp.compiled.parameter_passes`).
+
     The first optimiser of torch's own that a process makes loads 800 modules of its compiler, which was measured to take
     1.4 seconds; nothing here is ever compiled.
 
@@ -22,10 +24,14 @@ class Adam:
 
     Attributes:
         param_groups: one, whose ``lr`` may be changed between steps.
+        has_kernels: whether kernels are used where they can be.
     """
 
     def __init__(self, parameters: Iterable[nn.Parameter], lr: float) -> None:
         self._parameters = list(parameters)
+        self.has_kernels = True
+        # Counts of steps, in one tensor so that they are counted in one operation.
+        self._counts = torch.zeros(len(self._parameters), device=self._parameters[0].device if self._parameters else None)
         self._moments: dict[int, dict[str, Tensor]] = {}
         self.param_groups: list[dict[str, Any]] = [{"lr": lr, "params": list(range(len(self._parameters)))}]
 
@@ -43,25 +49,32 @@ class Adam:
         gradients = {number: p.grad for number, p in enumerate(self._parameters) if p.grad is not None}
         if not gradients:
             return
-        for number in gradients:
-            if number not in self._moments:
-                parameter = self._parameters[number]
-                self._moments[number] = {
-                    "step": torch.zeros((), device=parameter.device),
-                    "exp_avg": torch.zeros_like(parameter),
-                    "exp_avg_sq": torch.zeros_like(parameter),
-                }
+        self._make_moments(gradients)
         moments = [self._moments[number] for number in gradients]
         counts = [kept["step"] for kept in moments]
-        torch._foreach_add_(counts, 1)
+        if len(counts) == len(self._parameters):
+            self._counts.add_(1)
+        else:
+            torch._foreach_add_(counts, 1)
+        rate = self.param_groups[0]["lr"]
+        parameters: list[Tensor] = [self._parameters[number] for number in gradients]
+        means, squares = [kept["exp_avg"] for kept in moments], [kept["exp_avg_sq"] for kept in moments]
+        if self.has_kernels and parameters[0].is_cpu:
+            # Loads the compiled kernels, which a program that trains nothing can do without.
+            from dmp.compiled.parameter_passes import adam_step, can_pass_over
+
+            if can_pass_over([*parameters, *gradients.values(), *means, *squares]):
+                found = list(gradients.values())
+                adam_step(parameters, found, means, squares, counts, rate=rate, decays=_BETAS, epsilon=_EPSILON)
+                return
         torch._fused_adam_(
-            [self._parameters[number] for number in gradients],
+            parameters,
             list(gradients.values()),
-            [kept["exp_avg"] for kept in moments],
-            [kept["exp_avg_sq"] for kept in moments],
+            means,
+            squares,
             [],
             counts,
-            lr=self.param_groups[0]["lr"],
+            lr=rate,
             beta1=_BETAS[0],
             beta2=_BETAS[1],
             weight_decay=0.0,
@@ -70,10 +83,45 @@ class Adam:
             maximize=False,
         )
 
+    @property
+    def decays(self) -> tuple[float, float]:
+        """Beta 1 and beta 2."""
+        return _BETAS
+
+    @property
+    def epsilon(self) -> float:
+        """Added to the denominator."""
+        return _EPSILON
+
+    def moments_of(self, parameters: Iterable[Tensor]) -> list[dict[str, Tensor]]:
+        """Return the count of steps and both running means of these parameters, for whoever does the step in our place.
+
+        Raises:
+            KeyError: when one of them is none of the optimiser's.
+        """
+        numbers = {id(parameter): number for number, parameter in enumerate(self._parameters)}
+        wanted = [numbers[id(parameter)] for parameter in parameters]
+        self._make_moments(wanted)
+        return [self._moments[number] for number in wanted]
+
+    def count(self, steps: int) -> None:
+        """Count so many steps of all parameters, which somebody else does."""
+        self._counts.add_(steps)
+
+    def _make_moments(self, numbers: Iterable[int]) -> None:
+        for number in numbers:
+            if number not in self._moments:
+                parameter = self._parameters[number]
+                self._moments[number] = {
+                    "step": self._counts[number],
+                    "exp_avg": torch.zeros_like(parameter),
+                    "exp_avg_sq": torch.zeros_like(parameter),
+                }
+
     def state_dict(self) -> dict[str, Any]:
         """Return the running means by number of the parameter, and the settings."""
         return {
-            "state": {number: dict(kept) for number, kept in self._moments.items()},
+            "state": {number: {**kept, "step": kept["step"].clone()} for number, kept in self._moments.items()},
             "param_groups": [dict(group) for group in self.param_groups],
         }
 
@@ -86,4 +134,7 @@ class Adam:
             }
             for number, kept in state["state"].items()
         }
+        for number, kept in self._moments.items():
+            self._counts[number] = kept["step"]
+            kept["step"] = self._counts[number]
         self.param_groups[0]["lr"] = state["param_groups"][0]["lr"]

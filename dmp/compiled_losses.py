@@ -55,12 +55,15 @@ class CompiledLosses:
             raise ValueError(f"The losses are those of {len(self._target)} positions in float32.")
         predicted = predicted.contiguous()
         gradient, losses = torch.empty_like(predicted), torch.empty(3)
+        parts = max(1, min(torch.get_num_threads(), len(predicted) // _LEAST_PART))
+        launch_parts(kernels.losses, 2, parts, *self.arguments(predicted, gradient, losses))
+        return losses, gradient
+
+    def arguments(self, predicted: Tensor, gradient: Tensor, losses: Tensor) -> tuple[int, ...]:
+        """Return the kernel's arguments for positions (V, 3), their gradient, and the losses, (3,), all float32."""
         given = (predicted, self._target, self._starts, self._columns, self._valence, self._shares, self._constants)
         written = gradient, self._spread, self._sums, losses
-        parts = max(1, min(torch.get_num_threads(), len(predicted) // _LEAST_PART))
-        addresses = (tensor.data_ptr() for tensor in (*given, *written))
-        launch_parts(kernels.losses, 2, parts, *addresses, len(predicted), *self._choices)
-        return losses, gradient
+        return *(tensor.data_ptr() for tensor in (*given, *written)), len(predicted), *self._choices
 
 
 class _Losses(torch.autograd.Function):

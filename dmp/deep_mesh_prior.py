@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import torch
@@ -27,6 +27,7 @@ from dmp.topology import adjacency
 from dmp.training import Training
 
 if TYPE_CHECKING:
+    from dmp.compiled.whole_step import WholeStep
     from dmp.compiled_losses import CompiledLosses
     from dmp.layers.stack_buffers import StackBuffers
     from dmp.patches.gradients import PatchedNetwork
@@ -39,6 +40,10 @@ class DeepMeshPrior(Training):
     truth than each output and costs nothing.
 
     On a GPU a step is recorded and replayed (:mod:`dmp.captured_step`).
+
+    Attributes:
+        makes_whole_steps: whether a step on a processor is one launch where it can be (:mod:`dmp.compiled.whole_step`), and not
+            a series of operations.
 
     Raises:
         SettingsError: when the settings ask for numbers that a GPU is not given.
@@ -88,17 +93,18 @@ class DeepMeshPrior(Training):
         self._network = network.to(self.device)
         self._buffers: StackBuffers | None = None
         self._compiled_losses: CompiledLosses | None = None
-        self._compiles_losses = self.device.type == "cpu"
+        self._compiles_losses = self.makes_whole_steps = self.device.type == "cpu"
         self._has_buffers = self.device.type == "cpu" and network.has_use_for_buffers
         self._between_layers = type_between_layers(settings.precision, max(layout.widths), n_vertices)
         # Where the layers of the whole mesh find no room, this many vertices at a time; 0 for all at once.
         self._patch_vertices = patch_vertices_for(settings, n_vertices) if self._has_buffers else 0
         self._patched: PatchedNetwork | None = None
-        self._optimiser = Adam(self._network.parameters(), lr=settings.learning_rate)
+        self._optimiser: Adam = Adam(self._network.parameters(), lr=settings.learning_rate)
         self._output = self._base
         self._average: Tensor | None = None
         self._recorder: Recorder | None = CudaGraphRecorder(self.device) if self.device.type == "cuda" else None
         self._captured: CapturedStep | None = None
+        self._whole_step: WholeStep | None = None
 
     @property
     def n_parameters(self) -> int:
@@ -116,14 +122,7 @@ class DeepMeshPrior(Training):
     def _losses_of(self, output: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return total, data and Laplacian loss."""
         if self._compiles_losses:
-            if self._compiled_losses is None:
-                # Loads the compiled kernels, which a program that trains nothing can do without.
-                from dmp.compiled_losses import CompiledLosses
-
-                self._compiled_losses = CompiledLosses(
-                    self.settings, self._target, self._adjacency, self._valence, self._fitted
-                )
-            return self._compiled_losses(output)
+            return self._losses_on_processor()(output)
         data = data_loss(output, self._target, self._fitted)
         smoothed = output if self.settings.laplacian_of == "prediction" else output - self._target
         laplacian = laplacian_loss(
@@ -131,9 +130,16 @@ class DeepMeshPrior(Training):
         )
         return data + self.settings.laplacian_weight * laplacian, data, laplacian
 
+    def _losses_on_processor(self) -> CompiledLosses:
+        if self._compiled_losses is None:
+            # Loads the compiled kernels, which a program that trains nothing can do without.
+            from dmp.compiled_losses import CompiledLosses
+
+            self._compiled_losses = CompiledLosses(self.settings, self._target, self._adjacency, self._valence, self._fitted)
+        return self._compiled_losses
+
     def _network_output(self) -> Tensor:
         """Return the network's output, (V, 3), making the memory for it in the first step."""
-        n_vertices = len(self._features)
         if self._patch_vertices and isinstance(self._graph, Tensor):
             if self._patched is None:
                 base = self._base.numpy()
@@ -144,12 +150,17 @@ class DeepMeshPrior(Training):
                     self._network, self._graph, base, self._patch_vertices, dtype=self._between_layers
                 )
             return self._patched(self._features)
+        output: Tensor = self._network(self._features, self._graph, self._layer_buffers())
+        return output
+
+    def _layer_buffers(self) -> StackBuffers | None:
+        """Return the memory of the layers, made when it is first wanted, or None where they have no use for it."""
         if self._has_buffers and self._buffers is None:
+            n_vertices = len(self._features)
             # Whether outputs are kept changes no digit of the result.
             keep_outputs = has_room_for_outputs(self.settings, n_vertices)
             self._buffers = self._network.buffers_for(n_vertices, dtype=self._between_layers, keep_outputs=keep_outputs)
-        output: Tensor = self._network(self._features, self._graph, self._buffers)
-        return output
+        return self._buffers
 
     def _arithmetic(self) -> contextlib.AbstractContextManager[None]:
         if self.device.type != "cuda":
@@ -158,7 +169,7 @@ class DeepMeshPrior(Training):
 
     def _update(self) -> Mapping[str, Tensor]:
         if self._recorder is None:
-            return super()._update()
+            return self._update_on_processor()
         if self._captured is None:
             self._captured = CapturedStep(self._unread_update, self._recorder, self._optimiser.zero_grad)
         losses = self._captured()
@@ -170,6 +181,42 @@ class DeepMeshPrior(Training):
             self._recorder = self._captured = None
         self._look_at_first_bad()
         return losses
+
+    def _update_on_processor(self) -> Mapping[str, Tensor]:
+        """Do one step, in one launch where that can be done."""
+        step = self._whole_step = self._whole_step or self._make_whole_step()
+        if step is None:
+            return super()._update()
+        losses = dict(zip(("total_loss", "data_loss", "laplacian_loss"), step().unbind(), strict=True))
+        self._check_loss(losses["total_loss"].item(), self.step + 1)
+        if not step.is_finite:
+            raise self._left_the_numbers(self.step + 1, "the gradient of the loss is not finite")
+        self._output = step.output
+        self._update_average()
+        return losses
+
+    def _make_whole_step(self) -> WholeStep | None:
+        """Return what does a step in one launch, or None where that cannot be done."""
+        if not self.makes_whole_steps or self._patch_vertices:
+            return None
+        buffers, network = self._layer_buffers(), self._network
+        if buffers is None or buffers.fused is None or network.hidden is None:
+            return None
+        # Loads the compiled kernels, which a program that trains nothing can do without.
+        from dmp.compiled.whole_step import Trained, WholeStep
+        from dmp.layers.gcn_stack import layer_parameters
+
+        if network.hidden.out_features > buffers.fused.widest:
+            return None
+        trained = Trained(
+            stack=buffers.fused,
+            matrix=buffers.blocked(cast(Tensor, self._graph)),
+            features=self._features,
+            layers=layer_parameters(network.convolutions, network.normalisations),
+            ends=[network.hidden.weight, network.hidden.bias, network.output.weight, network.output.bias],
+            base=self._base if self.settings.predict == "displacement" else None,
+        )
+        return WholeStep(trained, self._losses_on_processor(), self._optimiser)
 
     def _unread_update(self) -> Mapping[str, Tensor]:
         """Do one step in which nothing is read back from the device and no number comes from Python but constants."""
@@ -190,6 +237,9 @@ class DeepMeshPrior(Training):
 
     def _apply_gradients(self) -> None:
         self._optimiser.step()
+        self._update_average()
+
+    def _update_average(self) -> None:
         if self.settings.average == 0:
             return
         # The decay grows towards its value, so that the first, poor outputs are soon forgotten.
@@ -204,7 +254,7 @@ class DeepMeshPrior(Training):
             self._average.lerp_(self._output, (1 - share.clamp(max=self.settings.average)).float())
 
     def _release(self) -> None:
-        self._buffers = self._compiled_losses = self._patched = self._captured = None
+        self._buffers = self._compiled_losses = self._patched = self._captured = self._whole_step = None
         if self._recorder is not None:
             self._recorder.forget()
 

@@ -14,6 +14,19 @@ from torch import Tensor
 
 from dmp.compiled.stack_rows import ROWS
 
+# Smaller blocks are multiplied more slowly, by more than is won with equal shares.
+LEAST_ROWS = 112
+
+
+def equal_blocks(n_vertices: int) -> int:
+    """Return the rows of a block where blocks shall be full, and, if that can be, as many for each of two or four threads."""
+    for shares in (4, 2, 1):
+        blocks = -(-n_vertices // (ROWS * shares)) * shares
+        rows = -(-n_vertices // blocks)
+        if rows >= LEAST_ROWS:
+            return rows
+    return ROWS
+
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
@@ -51,14 +64,16 @@ class Sweep:
 
 
 class BlockedMatrix:
-    """A CSR matrix (V, V) with numbers of 32 bits, whose rows are worked on in blocks of 128."""
+    """A CSR matrix (V, V) with numbers of 32 bits, whose rows are worked on in blocks."""
 
-    def __init__(self, matrix: Tensor) -> None:
+    def __init__(self, matrix: Tensor, rows: int = ROWS) -> None:
+        """Look at which rows ask for which, in blocks of so many ``rows``."""
+        self.rows = rows
         self._starts = matrix.crow_indices().to(torch.int32).contiguous()
         self._columns = matrix.col_indices().to(torch.int32).contiguous()
         self._values = matrix.values().float().contiguous()
         self.n_rows = matrix.shape[0]
-        self.n_blocks = -(-self.n_rows // ROWS)
+        self.n_blocks = -(-self.n_rows // rows)
         self.all_blocks = np.arange(self.n_blocks, dtype=np.int32)
         self._lowest, self._highest = self._reach()
         self._sweeps: dict[int, Sweep] = {}
@@ -77,8 +92,8 @@ class BlockedMatrix:
     def _reach(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Return the smallest and the largest column in each block; an empty block is given its own rows."""
         starts, columns = self._starts.numpy(), self._columns.numpy()
-        first = self.all_blocks * ROWS
-        lowest, highest = first.copy(), np.minimum(first + ROWS, self.n_rows).astype(np.int32) - 1
+        first = self.all_blocks * self.rows
+        lowest, highest = first.copy(), np.minimum(first + self.rows, self.n_rows).astype(np.int32) - 1
         entries = starts[np.append(first, self.n_rows)]
         filled = np.flatnonzero(np.diff(entries))
         if len(filled):
@@ -88,7 +103,7 @@ class BlockedMatrix:
 
     def _divided(self, parts: int) -> Sweep:
         block_bounds = np.arange(parts + 1) * self.n_blocks // parts
-        bounds = np.minimum(block_bounds * ROWS, self.n_rows).astype(np.int32)
+        bounds = np.minimum(block_bounds * self.rows, self.n_rows).astype(np.int32)
         part_of_block = np.repeat(np.arange(parts), np.diff(block_bounds))
         is_inside = (self._lowest >= bounds[part_of_block]) & (self._highest < bounds[part_of_block + 1])
         inside = np.flatnonzero(is_inside)
@@ -107,12 +122,12 @@ class BlockedMatrix:
             other_starts=(np.arange(parts + 1) * len(others) // parts).astype(np.int32),
             n_slots=n_slots,
             slots=slots,
-            columns=slots[columns // ROWS] * np.int32(ROWS) + columns % ROWS,
+            columns=slots[columns // self.rows] * np.int32(self.rows) + columns % self.rows,
         )
 
     def _slots(self, block_bounds: NDArray[Any], queue: NDArray[Any], others: NDArray[Any]) -> tuple[NDArray[np.int32], int]:
         """Return a place for each block of rows, and the number of places."""
-        first, last = self._lowest // ROWS, self._highest // ROWS
+        first, last = self._lowest // self.rows, self._highest // self.rows
         # For each block that after whose beginning nothing more is wanted of it.
         wanted_until = self.all_blocks.copy()
         for block in queue:

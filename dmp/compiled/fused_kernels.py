@@ -13,10 +13,22 @@ that are given to other blocks as soon as nobody asks any more.
 from __future__ import annotations
 
 from dmp.compiled.kernel import kernel
+from dmp.compiled.linear_rows import add_rows, add_to_rows, leaky_rows, of_leaky_rows
+from dmp.compiled.loss_kernels import losses_part
+from dmp.compiled.parameter_kernels import PIECE_BYTES, adam_piece, has_a_bad_value
 from dmp.compiled.phases import FIRST_ARGUMENT, next_part, part_is_done
-from dmp.compiled.pointers import add_product, doubles, floats, multiply_rows, numbers, pack_weights, row_function, words
+from dmp.compiled.pointers import (
+    add_product,
+    doubles,
+    floats,
+    multiply_few,
+    multiply_rows,
+    numbers,
+    pack_weights,
+    row_function,
+    words,
+)
 from dmp.compiled.stack_rows import (
-    ROWS,
     activate_rows,
     derive_rows,
     gather_rows,
@@ -28,13 +40,13 @@ from dmp.compiled.stack_rows import (
 from dmp.compiled.vectors import LANES
 
 # What is done in a phase.
-SWEEP, FINISH, ACTIVATE, SUMS, JOIN_MOMENTS, JOIN_SUMS, PACK, ADD_UP = range(8)
+SWEEP, FINISH, ACTIVATE, SUMS, JOIN_MOMENTS, JOIN_SUMS, PACK, ADD_UP, ENDS, OF_ENDS, LOSSES, LOOK, ADAM = range(13)
 # The ways through a layer: forward and backward, where the product with the weights comes before P, and where P comes first.
 FORWARD_MULTIPLYING, FORWARD_GATHERING, BACKWARD_MULTIPLYING, BACKWARD_GATHERING = range(4)
 
 # What stands where in a phase: addresses, but for kind, way, sizes and counts. All that does not apply is 0.
 FIELDS = (
-    *("kind", "way", "n_rows", "n_in", "n_out"),
+    *("kind", "way", "n_rows", "block_rows", "n_in", "n_out"),
     # P; which rows belong to a part, which blocks are finished in it, and the largest column of each of all blocks.
     *("starts", "columns", "values", "bounds", "queue_starts", "queue", "highest"),
     # Places for blocks, and which of them each block has; a place of its own for each part, and its bytes.
@@ -51,9 +63,14 @@ FIELDS = (
     *("of_y", "of_before", "of_gamma", "of_beta", "of_weight", "of_weight_others", "others_bytes"),
     # The output; for packing: function, weights (address, packed, in, out, order of MKL) and their number.
     *("output", "pack", "weights", "n_weights"),
+    # The linear layers: output of the first, weights and biases of both, their channels, what is added; gradient of the output.
+    *("hidden", "hidden_weight", "hidden_bias", "n_hidden", "last_weight", "last_bias", "n_last", "base", "of_output"),
+    # The losses' own arguments, and where the loss is; gradients, their number, and whether a part has found a bad one; what
+    # Adam needs of each piece, and its settings.
+    *("losses", "loss", "gradients", "n_gradients", "flags", "pieces", "settings"),
 )
 (
-    _KIND, _WAY, _N_ROWS, _IN, _OUT,
+    _KIND, _WAY, _N_ROWS, _BLOCK_ROWS, _IN, _OUT,
     _STARTS, _COLUMNS, _VALUES, _BOUNDS, _QUEUE_STARTS, _QUEUE, _HIGHEST,
     _PLACES, _SLOTS, _OWN, _OWN_BYTES,
     _MULTIPLY, _PACKED,
@@ -62,6 +79,8 @@ FIELDS = (
     _GATHERED, _FIRST_SUMS, _SECOND_SUMS, _JOINED,
     _OF_Y, _OF_BEFORE, _OF_GAMMA, _OF_BETA, _OF_WEIGHT, _OF_WEIGHT_OTHERS, _OTHERS_BYTES,
     _OUTPUT, _PACK, _WEIGHTS, _N_WEIGHTS,
+    _HIDDEN, _HIDDEN_WEIGHT, _HIDDEN_BIAS, _N_HIDDEN, _LAST_WEIGHT, _LAST_BIAS, _N_LAST, _BASE, _OF_OUTPUT,
+    _LOSSES, _LOSS, _GRADIENTS, _N_GRADIENTS, _FLAGS, _PIECES, _SETTINGS,
 ) = range(len(FIELDS))  # fmt: skip
 
 # Numbers that describe a matrix of weights to be packed.
@@ -84,13 +103,18 @@ def _own(job, part, number):
 
 @row_function
 def _last(job, first):
-    return min(job[_N_ROWS], first + ROWS)
+    return min(job[_N_ROWS], first + job[_BLOCK_ROWS])
+
+
+@row_function
+def _block(job, first):
+    return first // job[_BLOCK_ROWS]
 
 
 @row_function
 def _place(job, first, channels):
     """Return the place of a block where its neighbours look for it."""
-    return _at(job[_PLACES], numbers(job[_SLOTS])[first // ROWS] * ROWS, channels)
+    return _at(job[_PLACES], numbers(job[_SLOTS])[_block(job, first)] * job[_BLOCK_ROWS], channels)
 
 
 @row_function
@@ -132,7 +156,7 @@ def _gather(job, first, place, channels):
 @row_function
 def _multiply(job, x, y, n_in, n_out):
     # Always whole blocks, as the weights were packed for; there is room for them behind the last row.
-    multiply_rows(job[_MULTIPLY], ROWS, x, job[_PACKED], y, n_in, n_out)
+    multiply_rows(job[_MULTIPLY], job[_BLOCK_ROWS], x, job[_PACKED], y, n_in, n_out)
 
 
 @row_function
@@ -141,7 +165,7 @@ def _moments(job, first):
     if job[_FIRST_SUMS] == 0:
         return
     channels = job[_OUT]
-    place = _at(0, first // ROWS, channels)
+    place = _at(0, _block(job, first), channels)
     moments_rows(
         floats(job[_Z]), floats(job[_FIRST_SUMS] + place), floats(job[_SECOND_SUMS] + place),
         first, _last(job, first), channels,
@@ -151,7 +175,7 @@ def _moments(job, first):
 @row_function
 def _sums_before(job, first):
     channels = job[_IN]
-    place = _at(0, first // ROWS, channels)
+    place = _at(0, _block(job, first), channels)
     sums_rows(
         floats(job[_OF_BEFORE]), floats(job[_Z_BEFORE]), floats(job[_MEAN_BEFORE]), floats(job[_SCALE_BEFORE]),
         floats(job[_BETA_BEFORE]), floats(job[_FIRST_SUMS] + place), floats(job[_SECOND_SUMS] + place),
@@ -238,10 +262,11 @@ def _sweep(job, part):
         for i in range(job[_IN] * job[_OUT]):
             of_weight[i] = 0
     k = queue_starts[part]
-    for first in range(bounds[part], bounds[part + 1], ROWS):
+    rows = job[_BLOCK_ROWS]
+    for first in range(bounds[part], bounds[part + 1], rows):
         _begin(job, part, first)
-        while k < queue_starts[part + 1] and highest[queue[k]] < first + ROWS:
-            _finish(job, part, queue[k] * ROWS)
+        while k < queue_starts[part + 1] and highest[queue[k]] < first + rows:
+            _finish(job, part, queue[k] * rows)
             k += 1
 
 
@@ -250,7 +275,7 @@ def _finish_others(job, part):
     """Finish blocks in the queue, all of whose neighbours are there."""
     queue_starts, queue = numbers(job[_QUEUE_STARTS]), numbers(job[_QUEUE])
     for k in range(queue_starts[part], queue_starts[part + 1]):
-        _finish(job, part, queue[k] * ROWS)
+        _finish(job, part, queue[k] * job[_BLOCK_ROWS])
 
 
 @row_function
@@ -261,7 +286,7 @@ def _join_moments(job, part, parts):
     gamma, scale, over_deviation = floats(job[_GAMMA]), floats(job[_SCALE]), floats(job[_OVER_DEVIATION])
     join_moments(
         floats(job[_FIRST_SUMS]), floats(job[_SECOND_SUMS]), doubles(job[_JOINED]), floats(job[_MEAN]), over_deviation,
-        job[_N_ROWS], channels, first, last,
+        job[_N_ROWS], job[_BLOCK_ROWS], channels, first, last,
     )  # fmt: skip
     for c in range(first, last):
         scale[c] = gamma[c] * over_deviation[c]
@@ -275,7 +300,7 @@ def _join_sums(job, part, parts):
     join_sums(
         floats(job[_FIRST_SUMS]), floats(job[_SECOND_SUMS]), doubles(job[_JOINED]), floats(job[_OVER_DEVIATION]),
         floats(job[_SCALE]), floats(job[_OF_GAMMA]), floats(job[_OF_BETA]), floats(job[_SLOPE]), floats(job[_CONSTANT]),
-        job[_N_ROWS], channels, first, last,
+        job[_N_ROWS], job[_BLOCK_ROWS], channels, first, last,
     )  # fmt: skip
 
 
@@ -284,7 +309,7 @@ def _pack(job, part, parts):
     """Pack every so many-th matrix of weights."""
     for number in range(part, job[_N_WEIGHTS], parts):
         weight = words(job[_WEIGHTS] + _WORD_SIZE * WEIGHT_WORDS * number)
-        pack_weights(job[_PACK], ROWS, weight[0], weight[1], weight[2], weight[3], weight[4])
+        pack_weights(job[_PACK], job[_BLOCK_ROWS], weight[0], weight[1], weight[2], weight[3], weight[4])
 
 
 @row_function
@@ -300,13 +325,81 @@ def _add_up(job, part, parts):
 
 @row_function
 def _over_blocks(job, part, parts):
-    """Write the output of the last layer, or the sums for its gradient."""
-    blocks = (job[_N_ROWS] + ROWS - 1) // ROWS
-    for block in range(part * blocks // parts, (part + 1) * blocks // parts):
+    """Write the output of the last layer or what the linear ones make of it, or the sums for its gradient."""
+    if job[_KIND] == OF_ENDS:
+        of_weight = floats(_of_weight(job, part))
+        for i in range(job[_N_GRADIENTS]):
+            of_weight[i] = 0
+    rows = job[_BLOCK_ROWS]
+    blocks = (job[_N_ROWS] + rows - 1) // rows
+    for first in range(part * blocks // parts * rows, min(job[_N_ROWS], (part + 1) * blocks // parts * rows), rows):
         if job[_KIND] == ACTIVATE:
-            _activate_before(job, block * ROWS, _at(job[_OUTPUT], block * ROWS, job[_IN]))
+            _activate_before(job, first, _at(job[_OUTPUT], first, job[_IN]))
+        elif job[_KIND] == ENDS:
+            _end(job, part, first)
+        elif job[_KIND] == OF_ENDS:
+            _of_end(job, part, first)
         else:
-            _sums_before(job, block * ROWS)
+            _sums_before(job, first)
+
+
+@row_function
+def _end(job, part, first):
+    """Write what both linear layers make of a block."""
+    n_in, n_hidden, n_last, rows = job[_IN], job[_N_HIDDEN], job[_N_LAST], _last(job, first) - first
+    y, hidden_at, output_at = _own(job, part, 0), _at(job[_HIDDEN], first, n_hidden), _at(job[_OUTPUT], first, n_last)
+    _activate_before(job, first, y)
+    multiply_few(job[_MULTIPLY], 1, rows, y, job[_HIDDEN_WEIGHT], hidden_at, n_in, n_hidden)
+    leaky_rows(floats(hidden_at), floats(job[_HIDDEN_BIAS]), rows, n_hidden)
+    multiply_few(job[_MULTIPLY], 1, rows, hidden_at, job[_LAST_WEIGHT], output_at, n_hidden, n_last)
+    add_to_rows(floats(output_at), floats(job[_LAST_BIAS]), rows, n_last)
+    if job[_BASE] != 0:
+        base, output = floats(_at(job[_BASE], first, n_last)), floats(output_at)
+        for i in range(rows * n_last):
+            output[i] += base[i]
+
+
+@row_function
+def _of_end(job, part, first):
+    """Write the gradient of a block of what goes into the linear layers, and add to those of their parameters."""
+    n_in, n_hidden, n_last, rows = job[_IN], job[_N_HIDDEN], job[_N_LAST], _last(job, first) - first
+    # Gradients of the parameters follow upon each other.
+    of_hidden_weight = _of_weight(job, part)
+    of_hidden_bias = of_hidden_weight + _SIZE * n_hidden * n_in
+    of_last_weight = of_hidden_bias + _SIZE * n_hidden
+    of_last_bias = of_last_weight + _SIZE * n_last * n_hidden
+    y, of_hidden = _own(job, part, 0), _own(job, part, 1)
+    hidden, of_output = _at(job[_HIDDEN], first, n_hidden), _at(job[_OF_OUTPUT], first, n_last)
+    add_product(job[_MULTIPLY], rows, of_output, hidden, of_last_weight, n_last, n_hidden)
+    add_rows(floats(of_output), floats(of_last_bias), rows, n_last)
+    multiply_few(job[_MULTIPLY], 0, rows, of_output, job[_LAST_WEIGHT], of_hidden, n_last, n_hidden)
+    of_leaky_rows(floats(of_hidden), floats(hidden), rows, n_hidden)
+    add_rows(floats(of_hidden), floats(of_hidden_bias), rows, n_hidden)
+    _activate_before(job, first, y)
+    add_product(job[_MULTIPLY], rows, of_hidden, y, of_hidden_weight, n_hidden, n_in)
+    of_y = _at(job[_OF_BEFORE], first, n_in)
+    multiply_few(job[_MULTIPLY], 0, rows, of_hidden, job[_HIDDEN_WEIGHT], of_y, n_hidden, n_in)
+    _sums_before(job, first)
+
+
+@row_function
+def _look(job, part, parts):
+    """Say whether any gradient in a part of them is infinite or no number."""
+    first, last = _share(part, parts, job[_N_GRADIENTS])
+    numbers(job[_FLAGS])[part] = has_a_bad_value(numbers(job[_GRADIENTS]), first, last)
+
+
+@row_function
+def _adam(job, part, parts):
+    """Update a part of the parameters, unless the loss or any gradient is infinite or no number."""
+    if has_a_bad_value(numbers(job[_LOSS]), 0, 1):
+        return
+    flags, queue_starts = numbers(job[_FLAGS]), numbers(job[_QUEUE_STARTS])
+    for other in range(parts):
+        if flags[other] != 0:
+            return
+    for number in range(queue_starts[part], queue_starts[part + 1]):
+        adam_piece(words(job[_PIECES] + PIECE_BYTES * number), doubles(job[_SETTINGS]))
 
 
 @row_function
@@ -324,6 +417,12 @@ def _do(job, part, parts):
         _pack(job, part, parts)
     elif kind == ADD_UP:
         _add_up(job, part, parts)
+    elif kind == LOSSES:
+        losses_part(words(job[_LOSSES]), job[_WAY], part, parts)
+    elif kind == LOOK:
+        _look(job, part, parts)
+    elif kind == ADAM:
+        _adam(job, part, parts)
     else:
         _over_blocks(job, part, parts)
 

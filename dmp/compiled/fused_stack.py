@@ -12,7 +12,7 @@ from torch import Tensor
 
 from dmp.compiled import fused_kernels as kernels
 from dmp.compiled import stack_passes
-from dmp.compiled.blocked_matrix import BlockedMatrix
+from dmp.compiled.blocked_matrix import LEAST_ROWS, BlockedMatrix, equal_blocks
 from dmp.compiled.packed_weights import PLAIN, TRANSPOSED, Packing
 from dmp.compiled.phase_table import Later, PhaseTable, Value
 from dmp.compiled.stack_rows import ROWS
@@ -22,7 +22,14 @@ _LINE = 16  # float32 in a cache line, at which MKL wants its data to begin
 
 
 class FusedStack:
-    """Layers in float32, with memory of their own beside what they are given."""
+    """Layers in float32, with memory of their own beside what they are given.
+
+    Attributes:
+        block_rows: rows of a block.
+        n_weights: values of all weights.
+        n_channels: output channels of all layers together.
+        widest: the most channels.
+    """
 
     def __init__(
         self,
@@ -44,12 +51,12 @@ class FusedStack:
         self._packing, self._n_vertices, self._scratch = packing, len(mixed[0]), scratch
         self._mixed, self._gathered = mixed, gathered
         self._sizes = list(pairwise((input_channels, *(z.shape[1] for z in mixed))))
-        self._n_weights = sum(n_in * n_out for n_in, n_out in self._sizes)
+        self.n_weights = sum(n_in * n_out for n_in, n_out in self._sizes)
+        self.n_channels = sum(n_out for _, n_out in self._sizes)
         widest = max(max(sizes) for sizes in self._sizes)
-        self._widest = widest
-        blocks = -(-self._n_vertices // ROWS)
-        self._features = torch.zeros((blocks * ROWS, input_channels))
-        self._sums = torch.empty((2, blocks * widest))
+        self.widest = widest
+        self._features = torch.zeros((self._n_vertices + ROWS, input_channels))
+        self._sums = torch.empty((2, (self._n_vertices // LEAST_ROWS + 1) * widest))
         self._joined = torch.empty((2, widest), dtype=torch.float64)
         # Mean, scale and 1 / deviation of each layer; slope and constant of the one that a gradient is in.
         self._normalised = [torch.empty((3, n_out)) for _, n_out in self._sizes]
@@ -87,7 +94,7 @@ class FusedStack:
         """
         if features.shape != (self._n_vertices, self._sizes[0][0]):
             raise ValueError(f"The layers were made for {self._n_vertices} vertices with {self._sizes[0][0]} features.")
-        self._prepare(matrix, parameters, moments is None)
+        self._prepare_tables(matrix, parameters, moments is None)
         self._features[: self._n_vertices] = features
         if moments is not None:
             for normalised, (mean, over_deviation), gamma in zip(self._normalised, moments, parameters[2::4], strict=True):
@@ -95,7 +102,8 @@ class FusedStack:
         # Fresh memory, because the buffers are written again in the next step.
         output = torch.empty((self._n_vertices, self._sizes[-1][1]))
         assert self._forward_table is not None
-        self._forward_table.run(output=output.data_ptr())
+        self._forward_table.place(output=output.data_ptr())
+        self._forward_table.run()
         return output.to(features.dtype)
 
     def backward(self, gradient: Tensor, *, of_features: bool) -> tuple[Tensor | None, list[Tensor]]:
@@ -108,56 +116,95 @@ class FusedStack:
         gradient = gradient.float().contiguous()
         table = self._backward_tables.get(of_features)
         if table is None:
-            table = self._backward_tables[of_features] = self._backward_table(of_features)
-        # Fresh memory, because it is kept as the parameters' gradients. All that a bias adds is taken off again.
-        channels = sum(n_out for _, n_out in self._sizes)
-        of_weights, of_moments, of_bias = torch.empty(self._n_weights), torch.empty(2 * channels), torch.zeros(channels)
-        table.run(gradient=gradient.data_ptr(), of_weights=of_weights.data_ptr(), of_moments=of_moments.data_ptr())
+            table = self._backward_tables[of_features] = self.table()
+            table.add(kernels.SUMS, **self.values(len(self._sizes)), of_before=Later("gradient"))
+            self.add_backward(table, Later("gradient"), of_features=of_features)
+        # Fresh memory, because it is kept as the parameters' gradients.
+        of_weights, of_moments = torch.empty(self.n_weights), torch.empty(2 * self.n_channels)
+        table.place(gradient=gradient.data_ptr(), of_weights=of_weights.data_ptr(), of_moments=of_moments.data_ptr())
+        table.run()
+        first = self._of_before(0)[: self._n_vertices * self._sizes[0][0]].view(self._n_vertices, -1)
+        return first.clone() if of_features else None, self.gradients(of_weights, of_moments)
+
+    def gradients(self, of_weights: Tensor, of_moments: Tensor) -> list[Tensor]:
+        """Return the gradients of the parameters, in their order.
+
+        Args:
+            of_weights: where the table of a backward pass has them, (n_weights,).
+            of_moments: those of all gamma, and then of all beta, (2 n_channels,).
+        """
         outs = [n_out for _, n_out in self._sizes]
+        # All that a bias adds is taken off again.
+        of_bias = torch.zeros(self.n_channels)
         weights = torch.split(of_weights, [n_in * n_out for n_in, n_out in self._sizes])
-        others = (torch.split(all_of_them, outs) for all_of_them in (of_bias, of_moments[:channels], of_moments[channels:]))
+        others = (torch.split(part, outs) for part in (of_bias, of_moments[: self.n_channels], of_moments[self.n_channels :]))
         found: list[Tensor] = []
         for sizes, weight, bias, gamma, beta in zip(self._sizes, weights, *others, strict=True):
             found += [weight.view(sizes), bias, gamma, beta]
-        first = self._of_before(0)[: self._n_vertices * self._sizes[0][0]].view(self._n_vertices, -1)
-        return first.clone() if of_features else None, found
+        return found
 
     # -- tables ---------------------------------------------------------------------------------------------------
 
     def _forget(self) -> None:
+        self.block_rows = equal_blocks(self._n_vertices)
         self._key: object = None
         self._matrix: BlockedMatrix | None = None
         self._forward_table: PhaseTable | None = None
         self._backward_tables: dict[bool, PhaseTable] = {}
 
-    def _prepare(self, matrix: BlockedMatrix, parameters: Sequence[Tensor], own_moments: bool) -> None:
+    def _prepare_tables(self, matrix: BlockedMatrix, parameters: Sequence[Tensor], own_moments: bool) -> None:
         """Write the tables anew where anything that stands in them has changed."""
         key = torch.get_num_threads(), own_moments, *(parameter.data_ptr() for parameter in parameters)
         if self._matrix is matrix and self._key == key:
             return
+        self.prepare(matrix, parameters)
+        self._key = key
+        self._forward_table = self.table()
+        self.add_forward(self._forward_table, own_moments=own_moments)
+        # What makes the y before a layer makes that after the last one.
+        self._forward_table.add(kernels.ACTIVATE, **self.values(len(self._sizes)), output=Later("output"))
+
+    def prepare(self, matrix: BlockedMatrix, parameters: Sequence[Tensor]) -> None:
+        """Make ready for tables of P and these parameters, see :meth:`forward`, and as many threads as torch uses now.
+
+        Raises:
+            ValueError: when they have another size or type than the layers were made for.
+        """
         if matrix.n_rows != self._n_vertices:
             raise ValueError(f"The layers were made for {self._n_vertices} vertices, and the matrix has {matrix.n_rows} rows.")
+        if matrix.rows != self.block_rows:
+            raise ValueError(f"The layers have blocks of {self.block_rows} rows, and the matrix has blocks of {matrix.rows}.")
         if any(parameter.dtype != torch.float32 or not parameter.is_contiguous() for parameter in parameters):
             raise ValueError("The parameters must be float32 and contiguous.")
         self._forget()
-        self._key, self._matrix, self._parameters = key, matrix, parameters
-        is_worth_sharing = self._n_vertices * self._widest >= stack_passes.WORTH_SHARING
+        self._matrix, self._parameters = matrix, parameters
+        is_worth_sharing = self._n_vertices * self.widest >= stack_passes.WORTH_SHARING
         self._sweep = matrix.sweep(torch.get_num_threads() if is_worth_sharing else 1)
         parts = self._sweep.n_parts
         if parts not in self._of_parts:
-            self._of_parts[parts] = torch.zeros((parts, 2, ROWS, self._widest)), torch.zeros((parts - 1, self._n_weights))
+            self._of_parts[parts] = torch.zeros((parts, 2, ROWS, self.widest)), torch.zeros((parts - 1, self.n_weights))
         self._own, self._others = self._of_parts[parts]
         self._block_starts = (np.arange(parts + 1) * matrix.n_blocks // parts).astype(np.int32)
         self._to_pack = {order: self._weights_to_pack(order) for order in (PLAIN, TRANSPOSED)}
-        self._forward_table = self._table_forward(own_moments)
 
-    def _table_forward(self, own_moments: bool) -> PhaseTable:
-        table, matrix = PhaseTable(self._sweep.n_parts), self._matrix
+    def take(self, features: Tensor) -> None:
+        """Take the features, (V, in), of which a table begins."""
+        self._features[: self._n_vertices] = features
+
+    def table(self) -> PhaseTable:
+        """Return an empty table."""
+        table = PhaseTable(self._sweep.n_parts)
+        table.keep(self._matrix, self._parameters, self._sweep, self._own, self._others, self._block_starts, self._to_pack)
+        return table
+
+    def add_forward(self, table: PhaseTable, *, own_moments: bool) -> None:
+        """Add the phases that make z of the last layer and its moments, from the features."""
+        matrix = self._matrix
         assert matrix is not None
         self._add_packing(table, PLAIN)
         for layer in range(len(self._sizes)):
             way = kernels.FORWARD_MULTIPLYING if self._gathered[layer] is None else kernels.FORWARD_GATHERING
-            values = {**self._values(layer), "way": way}
+            values = {**self.values(layer), "way": way}
             if not own_moments:
                 values["first_sums"] = 0
             if layer == 0 and way == kernels.FORWARD_GATHERING:
@@ -168,43 +215,44 @@ class FusedStack:
                 self._add_sweep(table, values)
             if own_moments:
                 table.add(kernels.JOIN_MOMENTS, **values)
-        # What makes the y before a layer makes that after the last one.
-        table.add(kernels.ACTIVATE, **self._values(len(self._sizes)), output=Later("output"))
-        return table
 
-    def _backward_table(self, of_features: bool) -> PhaseTable:
-        table = PhaseTable(self._sweep.n_parts)
+    def add_backward(self, table: PhaseTable, of_y: Value, *, of_features: bool = False) -> None:
+        """Add the phases that make the gradients, written later to ``of_weights`` and ``of_moments``.
+
+        Args:
+            table: whose phases so far make the sums for the last layer.
+            of_y: where the gradient of the last y is.
+            of_features: whether the gradient of the features is wanted.
+        """
         self._add_packing(table, TRANSPOSED)
         last = len(self._sizes)
-        table.add(kernels.SUMS, **self._values(last), of_before=Later("gradient"))
         self._add_join_sums(table, last - 1)
-        of_y: Value = Later("gradient")
-        weights_before = self._n_weights
+        weights_before = self.n_weights
         for layer in reversed(range(last)):
             n_in, n_out = self._sizes[layer]
             weights_before -= n_in * n_out
             of_before = self._of_before(layer).data_ptr() if layer or of_features else 0
             values = {
-                **self._values(layer),
+                **self.values(layer),
                 "way": kernels.BACKWARD_MULTIPLYING if self._gathered[layer] is None else kernels.BACKWARD_GATHERING,
                 "of_y": of_y,
                 "of_before": of_before,
                 "of_weight": Later("of_weights", _SIZE * weights_before),
                 "of_weight_others": self._others.data_ptr() + _SIZE * weights_before,
-                "others_bytes": _SIZE * self._n_weights,
+                "others_bytes": _SIZE * self.n_weights,
             }
             self._add_sweep(table, values)
             if layer:
                 self._add_join_sums(table, layer - 1)
             of_y = of_before
         if table.parts > 1:
-            others = {"of_weight_others": self._others.data_ptr(), "others_bytes": _SIZE * self._n_weights}
+            others = {"of_weight_others": self._others.data_ptr(), "others_bytes": _SIZE * self.n_weights}
             table.add(kernels.ADD_UP, of_weight=Later("of_weights"), **others)
-        return table
 
     def _add_packing(self, table: PhaseTable, order: int) -> None:
         weights = self._to_pack[order]
-        table.add(kernels.PACK, pack=self._packing.pack_at, weights=weights.ctypes.data, n_weights=len(weights))
+        values: dict[str, Value] = {"weights": weights.ctypes.data, "n_weights": len(weights), "block_rows": self.block_rows}
+        table.add(kernels.PACK, pack=self._packing.pack_at, **values)
 
     def _add_sweep(self, table: PhaseTable, values: dict[str, Value]) -> None:
         sweep = self._sweep
@@ -218,17 +266,17 @@ class FusedStack:
 
     def _add_join_sums(self, table: PhaseTable, layer: int) -> None:
         before = sum(n_out for _, n_out in self._sizes[:layer])
-        channels = sum(n_out for _, n_out in self._sizes)
-        of_gamma, of_beta = Later("of_moments", _SIZE * before), Later("of_moments", _SIZE * (channels + before))
-        table.add(kernels.JOIN_SUMS, **self._values(layer), of_gamma=of_gamma, of_beta=of_beta)
+        of_gamma, of_beta = Later("of_moments", _SIZE * before), Later("of_moments", _SIZE * (self.n_channels + before))
+        table.add(kernels.JOIN_SUMS, **self.values(layer), of_gamma=of_gamma, of_beta=of_beta)
 
-    def _values(self, layer: int) -> dict[str, Value]:
+    def values(self, layer: int) -> dict[str, Value]:
         """Return what belongs to a layer in all phases; for the number after the last: to the layer that would follow."""
         assert self._matrix is not None
         starts, _, values = self._matrix.addresses
         sums, joined, slopes = self._sums, self._joined, self._slopes
         found: dict[str, Value] = {
-            **{"starts": starts, "columns": self._sweep.columns.ctypes.data, "values": values, "n_rows": self._n_vertices},
+            **{"starts": starts, "columns": self._sweep.columns.ctypes.data, "values": values},
+            **{"n_rows": self._n_vertices, "block_rows": self.block_rows},
             **{"places": self._scratch[1].data_ptr(), "slots": self._sweep.slots.ctypes.data},
             **{"own": self._own.data_ptr(), "own_bytes": _SIZE * self._own.stride(1), "multiply": self._packing.multiply_at},
             **{"first_sums": sums[0].data_ptr(), "second_sums": sums[1].data_ptr(), "joined": joined.data_ptr()},
@@ -252,6 +300,10 @@ class FusedStack:
         mean, scale, over_deviation = self._normalised[layer]
         gamma, beta = self._parameters[4 * layer + 2], self._parameters[4 * layer + 3]
         return mean.data_ptr(), scale.data_ptr(), over_deviation.data_ptr(), gamma.data_ptr(), beta.data_ptr()
+
+    def place_of_last(self) -> int:
+        """Return the address where a gradient of the last y can be put, (V, out), for :meth:`add_backward`."""
+        return self._of_before(len(self._sizes)).data_ptr()
 
     def _of_before(self, layer: int) -> Tensor:
         """Return the place for the gradient of what goes into a layer: by turns, as that of its y is still wanted."""

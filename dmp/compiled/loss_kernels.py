@@ -91,19 +91,25 @@ def _add_up(job, blocks):
     losses[1], losses[2] = np.float32(data), np.float32(rough)
 
 
+@row_function
+def losses_part(job, phase, part, parts):
+    """Do one part of one of two phases: own parts, and what comes from neighbours."""
+    blocks = (job[_VERTICES] + BLOCK - 1) // BLOCK
+    for block in range(part * blocks // parts, (part + 1) * blocks // parts):
+        if phase == 0:
+            _residuals(job, block)
+        else:
+            _take_spread(job, block)
+    if phase == 1 and part == 0:
+        _add_up(job, blocks)
+
+
 @kernel
 def losses(job):
-    """Two phases: own parts, and what comes from neighbours."""
-    blocks = (job[_VERTICES] + BLOCK - 1) // BLOCK
+    """Two phases, see :func:`losses_part`."""
     while True:
         phase, part = next_part(job)
         if phase < 0:
             break
-        for block in range(part * blocks // job[1], (part + 1) * blocks // job[1]):
-            if phase == 0:
-                _residuals(job, block)
-            else:
-                _take_spread(job, block)
-        if phase == 1 and part == 0:
-            _add_up(job, blocks)
+        losses_part(job, phase, part, job[1])
         part_is_done(job)

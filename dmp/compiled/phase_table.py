@@ -31,6 +31,8 @@ class PhaseTable:
         self.parts = parts
         self._phases: list[list[int]] = []
         self._later: dict[str, list[tuple[int, int, int]]] = defaultdict(list)
+        self._kept: list[object] = []
+        self._unplaced: set[str] = set()
         self._table: np.ndarray | None = None
 
     def add(self, kind: int, **values: Value) -> None:
@@ -44,11 +46,27 @@ class PhaseTable:
                 phase[_PLACES[name]] = value
         self._phases.append(phase)
 
-    def run(self, **addresses: int) -> None:
-        """Do all phases, with ``addresses`` for what is called by these names."""
+    def keep(self, *owners: object) -> None:
+        """Keep alive what owns memory whose addresses stand in the table."""
+        self._kept += owners
+
+    def place(self, **addresses: int) -> None:
+        """Write ``addresses`` for what is called by these names; they stay until they are written anew."""
         if self._table is None:
             self._table = np.array(self._phases, dtype=np.int64)
+            self._unplaced = set(self._later)
             self._where = {name: np.array(places, dtype=np.int64).T for name, places in self._later.items()}
         for name, (phases, slots, offsets) in self._where.items():
-            self._table[phases, slots] = addresses[name] + offsets
+            if name in addresses:
+                self._table[phases, slots] = addresses[name] + offsets
+                self._unplaced.discard(name)
+
+    def run(self) -> None:
+        """Do all phases.
+
+        Raises:
+            ValueError: when an address has not been placed.
+        """
+        if self._table is None or self._unplaced:
+            raise ValueError(f"Nobody has said where {', '.join(sorted(self._later))} are.")
         launch_parts(kernels.run_phases, len(self._table), self.parts, self._table.ctypes.data)

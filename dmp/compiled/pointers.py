@@ -92,6 +92,27 @@ def multiply_rows(typing_context, function, rows, features, packed, out, n_in, n
 
 
 @intrinsic
+def multiply_few(typing_context, function, is_transposed, rows, features, weights, out, n_in, n_out):
+    """Write ``features`` (rows, in) times ``weights`` to ``out``; these are (in, out), or (out, in) if ``is_transposed``.
+
+    Nothing is packed, so it is for few channels, and for any number of rows; see above.
+    """
+
+    def generate(context, builder, signature, arguments):
+        function, is_transposed, rows, features, weights, out, n_in, n_out = arguments
+        zero = ir.Constant(is_transposed.type, 0)
+        with builder.if_else(builder.icmp_signed("!=", is_transposed, zero)) as (transposed, plain):
+            for branch, order, length in ((transposed, TRANSPOSED, n_in), (plain, PLAIN, n_out)):
+                with branch:
+                    factors = (features, n_in), (weights, length)
+                    sizes = rows, n_out, n_in
+                    _call_product(builder, function, (BY_ROWS, PLAIN, order), sizes, factors, 0.0, (out, n_out))
+        return context.get_dummy_value()
+
+    return types.void(*[types.int64] * 8), generate
+
+
+@intrinsic
 def add_product(typing_context, function, rows, features, gradients, out, n_in, n_out):
     """Add the transposed ``features`` (rows, in) times ``gradients`` (rows, out) to ``out`` (in, out); see above."""
 

@@ -190,7 +190,7 @@ def join_moments(job):
         if part >= job[1]:
             break
         stack_rows.join_moments(
-            floats(job[2]), floats(job[3]), doubles(job[4]), floats(job[5]), floats(job[6]), job[7], job[8],
+            floats(job[2]), floats(job[3]), doubles(job[4]), floats(job[5]), floats(job[6]), job[7], ROWS, job[8],
             part * job[8] // job[1], (part + 1) * job[8] // job[1],
         )  # fmt: skip
 
@@ -204,5 +204,5 @@ def join_sums(job):
             break
         stack_rows.join_sums(
             floats(job[2]), floats(job[3]), doubles(job[4]), floats(job[5]), floats(job[6]), floats(job[7]), floats(job[8]),
-            floats(job[9]), floats(job[10]), job[11], job[12], part * job[12] // job[1], (part + 1) * job[12] // job[1],
+            floats(job[9]), floats(job[10]), job[11], ROWS, job[12], part * job[12] // job[1], (part + 1) * job[12] // job[1],
         )  # fmt: skip

@@ -13,8 +13,8 @@ import numpy as np
 from dmp.compiled.pointers import row_function
 from dmp.compiled.vectors import LANES, fetch_ahead, load, nothing, store, times, where_positive, wide
 
-# Rows in a block. Sums over vertices are kept block by block and added up in a fixed order, so that no moments depend on how
-# many threads there are.
+# Rows in a block, at most. Sums over vertices are kept block by block and added up in a fixed order, so that no moments depend
+# on how many threads there are.
 ROWS = 128
 # Rows whose values for 16 channels are added up in registers; more would leave the first cache.
 _ROWS_AT_ONCE = 8
@@ -184,21 +184,21 @@ def sums_rows(g, z, mean, scale, beta, plain, weighted, first, last, channels):
 
 
 @row_function
-def join_moments(means, squares, space, mean, over_deviation, n_vertices, channels, first, last):
-    """Write mean and 1 / deviation over all vertices of channels ``first`` to ``last``, for those of the blocks.
+def join_moments(means, squares, space, mean, over_deviation, n_vertices, rows, channels, first, last):
+    """Write mean and 1 / deviation over all vertices of channels ``first`` to ``last``, for those of blocks of ``rows``.
 
     ``space`` is (2, C) float64.
     """
     for c in range(first, last):
         space[c], space[channels + c] = 0.0, 0.0
-    for row in range(0, n_vertices, ROWS):
-        share = np.float64(min(ROWS, n_vertices - row)) / n_vertices
-        place = row // ROWS * channels
+    for row in range(0, n_vertices, rows):
+        share = np.float64(min(rows, n_vertices - row)) / n_vertices
+        place = row // rows * channels
         for c in range(first, last):
             space[c] += share * means[place + c]
-    for row in range(0, n_vertices, ROWS):
-        share = np.float64(min(ROWS, n_vertices - row)) / n_vertices
-        place = row // ROWS * channels
+    for row in range(0, n_vertices, rows):
+        share = np.float64(min(rows, n_vertices - row)) / n_vertices
+        place = row // rows * channels
         for c in range(first, last):
             distance = means[place + c] - space[c]
             space[channels + c] += squares[place + c] / np.float64(n_vertices) + share * distance * distance
@@ -209,17 +209,17 @@ def join_moments(means, squares, space, mean, over_deviation, n_vertices, channe
 
 @row_function
 def join_sums(
-    plain, weighted, space, over_deviation, scale, of_gamma, of_beta, slope, constant, n_vertices, channels, first, last
+    plain, weighted, space, over_deviation, scale, of_gamma, of_beta, slope, constant, n_vertices, rows, channels, first, last
 ):
-    """Add up the sums of the blocks for channels ``first`` to ``last``.
+    """Add up the sums of blocks of so many ``rows`` for channels ``first`` to ``last``.
 
     From the sums come the gradients of gamma and beta, and the numbers with which the gradient of z is
     scale g + slope (z - mean) + constant for that of u, g (Ioffe & Szegedy 2015, section 3).
     """
     for c in range(first, last):
         space[c], space[channels + c] = 0.0, 0.0
-    for row in range(0, n_vertices, ROWS):
-        place = row // ROWS * channels
+    for row in range(0, n_vertices, rows):
+        place = row // rows * channels
         for c in range(first, last):
             space[c] += plain[place + c]
             space[channels + c] += weighted[place + c]

@@ -51,12 +51,17 @@ def gcn_stack(
         moments: by which each layer is normalised, where the vertices are only some of those of the mesh; by default those
             of the vertices at hand.
     """
-    parameters = [
+    parameters = layer_parameters(convolutions, normalisations)
+    return _GcnStack.apply(features, propagation, buffers, moments, *parameters)  # type: ignore[no-untyped-call]
+
+
+def layer_parameters(convolutions: Iterable[Any], normalisations: Iterable[Any]) -> list[Tensor]:
+    """Return weight, bias, gamma and beta of each layer, one after the other."""
+    return [
         parameter
         for convolution, normalisation in zip(convolutions, normalisations, strict=True)
         for parameter in (convolution.weight, convolution.bias, normalisation.weight, normalisation.bias)
     ]
-    return _GcnStack.apply(features, propagation, buffers, moments, *parameters)  # type: ignore[no-untyped-call]
 
 
 class _GcnStack(torch.autograd.Function):

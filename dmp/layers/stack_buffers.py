@@ -55,7 +55,7 @@ class StackBuffers:
         self._matrix: tuple[Tensor, BlockedMatrix] | None = None
 
         # Room for whole blocks, so that a product of a block's rows needs no care for the last one.
-        room = -(-n_vertices // ROWS) * ROWS
+        room = n_vertices + ROWS if packing else n_vertices
 
         def rows(channels: int) -> Tensor:
             return torch.zeros((room, channels), dtype=dtype)[:n_vertices]
@@ -86,7 +86,8 @@ class StackBuffers:
     def blocked(self, propagation: Tensor) -> BlockedMatrix:
         """Return ``propagation`` (V, V) as the passes need it, made once for each matrix."""
         if self._matrix is None or self._matrix[0] is not propagation:
-            self._matrix = propagation, BlockedMatrix(propagation)
+            rows = self.fused.block_rows if self.fused else ROWS
+            self._matrix = propagation, BlockedMatrix(propagation, rows)
         return self._matrix[1]
 
     @property

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from dmp.cli import main
 from dmp.deep_mesh_prior import DeepMeshPrior
@@ -62,13 +61,14 @@ def no_runs_folder() -> None:
 
 @pytest.fixture
 def nan_at_step_9(monkeypatch: pytest.MonkeyPatch) -> None:
-    compute = DeepMeshPrior._compute_gradients
+    update = DeepMeshPrior._update
 
     def spoilt(training: DeepMeshPrior) -> object:
-        losses = dict(compute(training))
-        return {**losses, "total_loss": torch.tensor(float("nan"))} if training.step == 8 else losses
+        if training.step == 8:
+            training._target[0] = float("nan")
+        return update(training)
 
-    monkeypatch.setattr(DeepMeshPrior, "_compute_gradients", spoilt)
+    monkeypatch.setattr(DeepMeshPrior, "_update", spoilt)
 
 
 @pytest.mark.usefixtures("no_runs_folder")

@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from dmp.completion import problem_for
+from dmp.deep_mesh_prior import DeepMeshPrior
 from dmp.errors import TrainingError
 from dmp.mesh import TriangleMesh
 from dmp.methods import training_for
@@ -35,6 +36,9 @@ def _set_up(method: str, mesh: TriangleMesh, **changes: object) -> tuple[Triangl
 
 
 def _spoil_loss(training: Training) -> None:
+    if isinstance(training, DeepMeshPrior):
+        training._target[0] = float("inf")
+        return
     compute = training._compute_gradients
 
     def spoilt() -> dict[str, torch.Tensor]:
@@ -46,6 +50,15 @@ def _spoil_loss(training: Training) -> None:
 
 
 def _spoil_gradient(training: Training) -> None:
+    if isinstance(training, DeepMeshPrior):
+        # What goes into the linear layers is huge and comes out as before; gradients there are the product of both.
+        network = training._network
+        with torch.no_grad():
+            for huge, tiny in zip(network.normalisations[-1].parameters(), network.hidden.parameters(), strict=True):
+                huge.mul_(1e36)
+                tiny.mul_(1 if tiny.ndim == 1 else 1e-36)
+            network.output.weight.mul_(1e6)
+        return
     compute = training._compute_gradients
 
     def spoilt() -> Mapping[str, torch.Tensor]:
@@ -117,12 +130,14 @@ def test_the_weights_are_those_of_the_last_good_step(method: str, spoil: str, no
     for item in steps:
         if item.step == 3:
             break
-    before = [parameter.detach().clone() for parameter in training._network.parameters()]
     SPOILS[spoil][0](training)
+    before = [parameter.detach().clone() for parameter in training._network.parameters()]
+    count = training.state()["optimiser"]["state"][0]["step"]
     with pytest.raises(TrainingError):
         next(steps)
     assert training.step == 3
     assert all(torch.equal(now, then) for now, then in zip(training._network.parameters(), before, strict=True))
+    assert training.state()["optimiser"]["state"][0]["step"] == count == 3
 
 
 def test_where_looking_waits_for_the_device_the_right_step_is_named_at_the_next_logged_one(
@@ -131,6 +146,8 @@ def test_where_looking_waits_for_the_device_the_right_step_is_named_at_the_next_
     mesh, settings = _set_up("prior", noisy_sphere, steps=20, snapshot_every=20, log_every=10)
     training = training_for(problem_for(mesh, settings), settings)
     monkeypatch.setattr(type(training), "_looks_at_each_step", False)
+    assert isinstance(training, DeepMeshPrior)
+    training.makes_whole_steps = False
     steps = training.steps()
     for item in steps:
         if item.step == 12:

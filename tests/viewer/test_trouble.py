@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from pytestqt.qtbot import QtBot
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QPushButton
@@ -175,13 +174,14 @@ def test_an_input_that_is_deleted_while_training_is_told(
 def test_numbers_that_are_none_end_the_training_and_keep_its_snapshots(
     viewer: Controller, qtbot: QtBot, mesh_files: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    compute = DeepMeshPrior._compute_gradients
+    update = DeepMeshPrior._update
 
     def spoilt(training: DeepMeshPrior) -> object:
-        losses = dict(compute(training))
-        return {**losses, "total_loss": torch.tensor(float("nan"))} if training.step == 12 else losses
+        if training.step == 12:
+            training._target[0] = float("nan")
+        return update(training)
 
-    monkeypatch.setattr(DeepMeshPrior, "_compute_gradients", spoilt)
+    monkeypatch.setattr(DeepMeshPrior, "_update", spoilt)
     open_files(viewer, mesh_files[0])
     trigger(viewer, "start")
     wait_until_trained(viewer, qtbot)
