@@ -14,8 +14,6 @@ _BETAS, _EPSILON = (0.9, 0.999), 1e-8
 class Adam:
     """Adam (Kingma & Ba 2015) with the usual decays 0.9 and 0.999: same arithmetic and same states as ``torch.optim.Adam``.
 
-    On a processor all parameters are gone through in one launch (:mod:`dmp.compiled.parameter_passes`).
-
     The first optimiser of torch's own that a process makes loads 800 modules of its compiler, which was measured to take
     1.4 seconds; nothing here is ever compiled.
 
@@ -24,12 +22,10 @@ class Adam:
 
     Attributes:
         param_groups: one, whose ``lr`` may be changed between steps.
-        has_kernels: whether kernels are used where they can be.
     """
 
     def __init__(self, parameters: Iterable[nn.Parameter], lr: float) -> None:
         self._parameters = list(parameters)
-        self.has_kernels = True
         # Counts of steps, in one tensor so that they are counted in one operation.
         self._counts = torch.zeros(len(self._parameters), device=self._parameters[0].device if self._parameters else None)
         self._moments: dict[int, dict[str, Tensor]] = {}
@@ -59,14 +55,6 @@ class Adam:
         rate = self.param_groups[0]["lr"]
         parameters: list[Tensor] = [self._parameters[number] for number in gradients]
         means, squares = [kept["exp_avg"] for kept in moments], [kept["exp_avg_sq"] for kept in moments]
-        if self.has_kernels and parameters[0].is_cpu:
-            # Loads the compiled kernels, which a program that trains nothing can do without.
-            from dmp.compiled.parameter_passes import adam_step, can_pass_over
-
-            if can_pass_over([*parameters, *gradients.values(), *means, *squares]):
-                found = list(gradients.values())
-                adam_step(parameters, found, means, squares, counts, rate=rate, decays=_BETAS, epsilon=_EPSILON)
-                return
         torch._fused_adam_(
             parameters,
             list(gradients.values()),
@@ -127,6 +115,7 @@ class Adam:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Take back what :meth:`state_dict`, or that of ``torch.optim.Adam``, returned for the same parameters."""
+        self._counts.zero_()
         self._moments = {
             number: {
                 name: tensor.detach().to(device=self._parameters[number].device, dtype=torch.float32, copy=True)

@@ -7,7 +7,7 @@ import math
 import time
 import uuid
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -193,14 +193,14 @@ class Training(ABC):
     def _check_finite(self, loss: Tensor) -> None:
         """Look at the loss of a step and its gradient, or have the device remember what there is to see."""
         gradients = [parameter.grad for parameter in self._network.parameters() if parameter.grad is not None]
-        if self._looks_at_each_step:
-            self._check_loss(loss.item(), self.step + 1)
-            if not _are_finite(gradients):
-                raise self._left_the_numbers(self.step + 1, "the gradient of the loss is not finite")
-            return
         # The largest value: the usual norm overflows although each value is finite, and torch's largest norm is slow.
         extremes = [extreme for gradient in gradients for extreme in torch.aminmax(gradient)]
         largest = torch.stack(extremes).abs().max()
+        if self._looks_at_each_step:
+            self._check_loss(loss.item(), self.step + 1)
+            if not math.isfinite(largest.item()):
+                raise self._left_the_numbers(self.step + 1, "the gradient of the loss is not finite")
+            return
         self._device_step.add_(1)
         is_bad = ~(torch.isfinite(loss.detach()) & torch.isfinite(largest))
         self._first_bad.copy_(torch.where(is_bad & (self._first_bad == 0), self._device_step, self._first_bad))
@@ -244,15 +244,6 @@ class Training(ABC):
         wanted = ahead_of_time or self.step % self.settings.snapshot_every == 0 or self.is_done
         snapshot = Snapshot(self.run_id, self.step, self.problem.placed(vertices), metrics, self.seconds) if wanted else None
         return StepRecord(self.step, self.seconds, metrics, snapshot)
-
-
-def _are_finite(gradients: Sequence[Tensor]) -> bool:
-    # Loads the compiled kernels, which a program that trains nothing can do without.
-    from dmp.compiled.parameter_passes import are_finite, can_pass_over
-
-    if can_pass_over(gradients):
-        return are_finite(gradients)
-    return all(bool(torch.isfinite(gradient).all()) for gradient in gradients)
 
 
 class _Stopwatch:

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dmp.compiled.kernel import kernel
 from dmp.compiled.linear_rows import add_rows, add_to_rows, leaky_rows, of_leaky_rows
 from dmp.compiled.loss_kernels import losses_part
-from dmp.compiled.parameter_kernels import PIECE_BYTES, adam_piece, has_a_bad_value
+from dmp.compiled.parameter_rows import PIECE_BYTES, adam_piece, has_a_bad_value
 from dmp.compiled.phases import FIRST_ARGUMENT, next_part, part_is_done
 from dmp.compiled.pointers import (
     add_product,

@@ -17,12 +17,13 @@ from dmp.adam import Adam
 from dmp.compiled import fused_kernels as kernels
 from dmp.compiled.blocked_matrix import BlockedMatrix
 from dmp.compiled.fused_stack import FusedStack
-from dmp.compiled.parameter_passes import piece_table
+from dmp.compiled.parameter_rows import PIECE_WORDS
 from dmp.compiled.phase_table import PhaseTable, Value
 from dmp.compiled.phases import FIRST_ARGUMENT
 from dmp.compiled_losses import CompiledLosses
 
 _SIZE = 4  # bytes of a float32
+_PIECE = 1 << 14  # values of parameters that are changed at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,14 +152,24 @@ class WholeStep:
         self._flags = np.zeros(table.parts, dtype=np.int32)
         parameters, gradients = self._parameters, self._views()
         moments = self._optimiser.moments_of(parameters)
-        means, squares, counts = ([kept[name] for kept in moments] for name in ("exp_avg", "exp_avg_sq", "step"))
-        pieces = piece_table(parameters, gradients, means, squares, counts)
-        ends_of_pieces = np.cumsum(pieces[:, -1])
+        pieces = _pieces(parameters, gradients, moments)
         # Pieces are small beside what a part has of them.
-        inner = [np.searchsorted(ends_of_pieces, ends_of_pieces[-1] * k // table.parts) for k in range(1, table.parts)]
-        starts = np.array([0, *inner, len(pieces)], dtype=np.int32)
+        ends = np.cumsum(pieces[:, -1])
+        shares = ends[-1] * np.arange(1, table.parts) // table.parts
+        starts = np.array([0, *np.searchsorted(ends, shares), len(pieces)], dtype=np.int32)
         table.keep(pieces, starts, moments, parameters, gradients)
         found = {"gradients": self._gradients.data_ptr(), "n_gradients": len(self._gradients), "flags": self._flags.ctypes.data}
         table.add(kernels.LOOK, **found)
         found |= {"pieces": pieces.ctypes.data, "queue_starts": starts.ctypes.data, "settings": self._settings.ctypes.data}
         table.add(kernels.ADAM, **found, loss=self._found.data_ptr())
+
+
+def _pieces(parameters: Sequence[Tensor], gradients: Sequence[Tensor], moments: Sequence[dict[str, Tensor]]) -> np.ndarray:
+    """Return what :func:`dmp.compiled.parameter_rows.adam_piece` needs to know of each piece, (pieces, words) int64."""
+    rows: list[tuple[int, ...]] = []
+    for parameter, gradient, kept in zip(parameters, gradients, moments, strict=True):
+        places = [tensor.data_ptr() for tensor in (parameter, gradient, kept["exp_avg"], kept["exp_avg_sq"])]
+        for first in range(0, parameter.numel(), _PIECE):
+            here = (place + _SIZE * first for place in places)
+            rows.append((*here, kept["step"].data_ptr(), min(_PIECE, parameter.numel() - first)))
+    return np.array(rows, dtype=np.int64).reshape(-1, PIECE_WORDS)

@@ -40,9 +40,8 @@ def _training(mesh: TriangleMesh, recorder: DispatchRecorder | None = None, **ov
     settings = settings_for("denoise", **{**few, **overrides})
     training = training_for(denoising(mesh, settings), settings)
     assert isinstance(training, DeepMeshPrior)
-    # The plain layers and operations, which a GPU takes.
+    # The plain layers, which a GPU takes.
     training._has_buffers, training._compiles_losses, training._patch_vertices = False, False, 0
-    training._optimiser.has_kernels = False
     training._recorder = recorder
     return training
 

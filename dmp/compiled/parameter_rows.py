@@ -1,4 +1,4 @@
-"""Passes over the trained parameters and their gradients, cut into pieces that threads take one after the other."""
+"""What is done to pieces of the trained parameters and of their gradients, inlined into the kernels."""
 
 # Numba has no types for mypy, and its compiler reads signatures from values.
 # mypy: ignore-errors
@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dmp.compiled.kernel import kernel
-from dmp.compiled.pointers import doubles, floats, numbers, row_function, take_next, words
+from dmp.compiled.pointers import floats, row_function
 
 # Addresses of a piece: parameter, gradient, both running means, count of steps; and its number of values.
 PIECE_WORDS = 6
@@ -38,16 +37,6 @@ def adam_piece(piece, settings):
     )  # fmt: skip
 
 
-@kernel
-def adam(job):
-    """Pieces; settings (4,) float64: see :func:`adam_piece`."""
-    while True:
-        number = take_next(job)
-        if number >= job[1]:
-            break
-        adam_piece(words(job[2] + PIECE_BYTES * number), doubles(job[3]))
-
-
 @row_function
 def has_a_bad_value(values, first, last):
     """Return whether any float32 from ``first`` to ``last`` is infinite or no number; ``values`` points to them as int32."""
@@ -55,14 +44,3 @@ def has_a_bad_value(values, first, last):
     for i in range(first, last):
         largest = max(largest, values[i] & _MAGNITUDE)
     return largest >= _NOT_FINITE
-
-
-@kernel
-def look(job):
-    """Pieces; a flag for each, int32: say which gradients have a value that is infinite or no number."""
-    while True:
-        number = take_next(job)
-        if number >= job[1]:
-            break
-        piece = words(job[2] + PIECE_BYTES * number)
-        numbers(job[3])[number] = has_a_bad_value(numbers(piece[1]), 0, piece[5])
