@@ -52,17 +52,14 @@ class Adam:
             self._counts.add_(1)
         else:
             torch._foreach_add_(counts, 1)
-        rate = self.param_groups[0]["lr"]
-        parameters: list[Tensor] = [self._parameters[number] for number in gradients]
-        means, squares = [kept["exp_avg"] for kept in moments], [kept["exp_avg_sq"] for kept in moments]
         torch._fused_adam_(
-            parameters,
+            [self._parameters[number] for number in gradients],
             list(gradients.values()),
-            means,
-            squares,
+            [kept["exp_avg"] for kept in moments],
+            [kept["exp_avg_sq"] for kept in moments],
             [],
             counts,
-            lr=rate,
+            lr=self.param_groups[0]["lr"],
             beta1=_BETAS[0],
             beta2=_BETAS[1],
             weight_decay=0.0,
@@ -118,7 +115,7 @@ class Adam:
         self._counts.zero_()
         self._moments = {
             number: {
-                name: tensor.detach().to(device=self._parameters[number].device, dtype=torch.float32, copy=True)
+                name: tensor.detach().to(device=self._parameters[number].device, dtype=torch.float32, copy=True).contiguous()
                 for name, tensor in kept.items()
             }
             for number, kept in state["state"].items()

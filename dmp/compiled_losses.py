@@ -49,10 +49,8 @@ class CompiledLosses:
         """Return the three losses, (3,), and the gradient of the first, (V, 3).
 
         Raises:
-            ValueError: when there are other positions than the target has; addresses are all that a kernel sees.
+            ValueError: see :meth:`arguments`.
         """
-        if predicted.shape != self._target.shape or predicted.dtype != torch.float32:
-            raise ValueError(f"The losses are those of {len(self._target)} positions in float32.")
         predicted = predicted.contiguous()
         gradient, losses = torch.empty_like(predicted), torch.empty(3)
         parts = max(1, min(torch.get_num_threads(), len(predicted) // _LEAST_PART))
@@ -60,7 +58,13 @@ class CompiledLosses:
         return losses, gradient
 
     def arguments(self, predicted: Tensor, gradient: Tensor, losses: Tensor) -> tuple[int, ...]:
-        """Return the kernel's arguments for positions (V, 3), their gradient, and the losses, (3,), all float32."""
+        """Return the kernel's arguments for positions (V, 3), their gradient, and the losses, (3,), all float32.
+
+        Raises:
+            ValueError: when there are other positions than the target has; addresses are all that a kernel sees.
+        """
+        if predicted.shape != self._target.shape or predicted.dtype != torch.float32:
+            raise ValueError(f"The losses are those of {len(self._target)} positions in float32.")
         given = (predicted, self._target, self._starts, self._columns, self._valence, self._shares, self._constants)
         written = gradient, self._spread, self._sums, losses
         return *(tensor.data_ptr() for tensor in (*given, *written)), len(predicted), *self._choices

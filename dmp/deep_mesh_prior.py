@@ -27,10 +27,10 @@ from dmp.topology import adjacency
 from dmp.training import Training
 
 if TYPE_CHECKING:
-    from dmp.compiled.whole_step import WholeStep
     from dmp.compiled_losses import CompiledLosses
     from dmp.layers.stack_buffers import StackBuffers
     from dmp.patches.gradients import PatchedNetwork
+    from dmp.whole_step import WholeStep
 
 
 class DeepMeshPrior(Training):
@@ -42,8 +42,8 @@ class DeepMeshPrior(Training):
     On a GPU a step is recorded and replayed (:mod:`dmp.captured_step`).
 
     Attributes:
-        makes_whole_steps: whether a step on a processor is one launch where it can be (:mod:`dmp.compiled.whole_step`), and not
-            a series of operations.
+        makes_whole_steps: whether a step on a processor is one launch where it can be (:mod:`dmp.whole_step`), and not
+            a series of operations; looked at in the first step.
 
     Raises:
         SettingsError: when the settings ask for numbers that a GPU is not given.
@@ -191,7 +191,8 @@ class DeepMeshPrior(Training):
         self._check_loss(losses["total_loss"].item(), self.step + 1)
         if not step.is_finite:
             raise self._left_the_numbers(self.step + 1, "the gradient of the loss is not finite")
-        self._output = step.output
+        # A copy, so that after a step that failed the last good one is shown.
+        self._output = step.output.clone()
         self._update_average()
         return losses
 
@@ -203,14 +204,14 @@ class DeepMeshPrior(Training):
         if buffers is None or buffers.fused is None or network.hidden is None:
             return None
         # Loads the compiled kernels, which a program that trains nothing can do without.
-        from dmp.compiled.whole_step import Trained, WholeStep
         from dmp.layers.gcn_stack import layer_parameters
+        from dmp.whole_step import Trained, WholeStep
 
         if network.hidden.out_features > buffers.fused.widest:
             return None
         trained = Trained(
-            stack=buffers.fused,
-            matrix=buffers.blocked(cast(Tensor, self._graph)),
+            buffers=buffers,
+            propagation=cast(Tensor, self._graph),
             features=self._features,
             layers=layer_parameters(network.convolutions, network.normalisations),
             ends=[network.hidden.weight, network.hidden.bias, network.output.weight, network.output.bias],

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 # From so many channels in the widest layer on, bfloat16 was measured to be faster where the processor has products for it; and
 # with fewer, for meshes of so many vertices.
-_WIDE, _LESS_WIDE, _MANY_VERTICES = 512, 128, 10_000
+_WIDE, _LESS_WIDE, _MANY_VERTICES = 512, 128, 15_000
 
 
 def choose_device(name: str) -> torch.device:

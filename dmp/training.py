@@ -63,6 +63,7 @@ class Training(ABC):
         self._rest = RestWatch(np.flatnonzero(~problem.known), problem.edge_length, settings.rest_movement)
         self.warnings: list[str] = []
         self._losses: Mapping[str, Tensor] = {}
+        self._is_half_done = False
         # Where looking waits for the device: the step that it is at, and the first one whose loss or gradient was not finite,
         # 0 for none. Both stay in their places, so that a step that is recorded and replayed finds them.
         self._device_step, self._first_bad = (torch.zeros((), dtype=torch.int64, device=self.device) for _ in range(2))
@@ -114,10 +115,12 @@ class Training(ABC):
         step; the metrics and the snapshot are those of the prediction.
 
         Raises:
-            TrainingError: when the loss, its gradient or the prediction is no longer finite. On a processor the weights are
+            TrainingError: when a step was broken off half-way before, see :meth:`state`; or when the loss, its gradient or the
+                prediction is no longer finite. On a processor the weights are
                 then still those of the last good step, unless it was the prediction. On a GPU loss and gradient are looked
                 at in logged steps only, because looking waits for the device; the step named is the right one all the same.
         """
+        self._check_whole()
         # Process-wide, like every thread count of torch: trainings in one process share it.
         torch.set_num_threads(self.threads)
         self._device_step.fill_(self.step)
@@ -130,9 +133,16 @@ class Training(ABC):
                 yield record
             while self.step < self.settings.steps and not self._rest.is_at_rest:
                 with self._timed(), self._arithmetic():
-                    losses = self._update()
+                    self._is_half_done = True
+                    try:
+                        losses = self._update()
+                    except TrainingError:
+                        # Said of a step that changed nothing, or of earlier ones.
+                        self._is_half_done = False
+                        raise
                     self.step += 1
                     self._losses = losses
+                    self._is_half_done = False
                     record = self._record()
                 yield record
         finally:
@@ -148,7 +158,12 @@ class Training(ABC):
         return self.step >= self.settings.steps or self._rest.is_at_rest
 
     def state(self) -> dict[str, Any]:
-        """Return everything that :meth:`load_state` needs to go on from here: tensors and plain values only."""
+        """Return everything that :meth:`load_state` needs to go on from here: tensors and plain values only.
+
+        Raises:
+            TrainingError: when the last step was broken off half-way, by Ctrl-C in a notebook for example.
+        """
+        self._check_whole()
         return {
             "version": CHECKPOINT_VERSION,
             "run_id": self.run_id,
@@ -173,11 +188,19 @@ class Training(ABC):
             self._load_weights(checked)
             self._rest.load_state(checked["rest"])
             self.step, self.seconds = checked["step"], float(checked["seconds"])
+            self._is_half_done = False
             self._device_step.fill_(self.step)
             self._first_bad.zero_()
         except (KeyError, TypeError, ValueError, RuntimeError, AttributeError, IndexError, OverflowError) as error:
             cause = " ".join(str(error).split())[:200]
             raise TrainingError(f"The checkpoint does not fit the settings of its run ({cause}).") from error
+
+    def _check_whole(self) -> None:
+        if self._is_half_done:
+            raise TrainingError(
+                f"Step {self.step + 1} was broken off half-way, and what was learnt fits no step any more. Go on from a state "
+                "that was kept before, or begin anew."
+            )
 
     def _timed(self) -> _Stopwatch:
         return _Stopwatch(self)

@@ -1,11 +1,12 @@
-"""The kernel that goes through all layers, the products with their weights included, in one launch.
+"""The kernel that goes through all layers, the products with their weights included, in one launch, or through a whole step.
 
 For float32, and where :mod:`dmp.compiled.packed_weights` has a product. Its phases are rows of a table of int64, which
-:mod:`dmp.compiled.fused_stack` writes. Rows of a layer are used while they are in the cache: a sweep goes over parts of the
-vertices and finishes a block of them as soon as the rows of all its neighbours are there; what has neighbours in other parts
-comes in a second phase. Nothing is kept that is cheaper to make again: backward a block of the former y comes from its z, which
-is needed there anyway, and is multiplied into the gradient of the weights at once. What only neighbours ask for lies in places
-that are given to other blocks as soon as nobody asks any more.
+:mod:`dmp.compiled.fused_stack` writes for layers and :mod:`dmp.whole_step` for what a step has beside them. Rows of a
+layer are used while they are in the cache: a sweep goes over parts of the vertices and finishes a block of them as soon as
+the rows of all its neighbours are there; what has neighbours in other parts comes in a second phase. Nothing is kept that is
+cheaper to make again: backward a block of the former y comes from its z, which is needed there anyway, and is multiplied into
+the gradient of the weights at once. What only neighbours ask for lies in places that are given to other blocks as soon as
+nobody asks any more.
 """
 
 # Numba has no types for mypy, and its compiler reads signatures from values.
@@ -44,7 +45,8 @@ SWEEP, FINISH, ACTIVATE, SUMS, JOIN_MOMENTS, JOIN_SUMS, PACK, ADD_UP, ENDS, OF_E
 # The ways through a layer: forward and backward, where the product with the weights comes before P, and where P comes first.
 FORWARD_MULTIPLYING, FORWARD_GATHERING, BACKWARD_MULTIPLYING, BACKWARD_GATHERING = range(4)
 
-# What stands where in a phase: addresses, but for kind, way, sizes and counts. All that does not apply is 0.
+# What stands where in a phase: addresses, but for kind, way, sizes and counts. All that does not apply is 0. The way of LOSSES
+# is 0 or 1, their first phase or the second; the queue of ADAM is one of pieces.
 FIELDS = (
     *("kind", "way", "n_rows", "block_rows", "n_in", "n_out"),
     # P; which rows belong to a part, which blocks are finished in it, and the largest column of each of all blocks.

@@ -92,10 +92,8 @@ class FusedStack:
             ValueError: when anything has another size or type than the layers were made for; addresses are all that a kernel
                 sees.
         """
-        if features.shape != (self._n_vertices, self._sizes[0][0]):
-            raise ValueError(f"The layers were made for {self._n_vertices} vertices with {self._sizes[0][0]} features.")
+        self.take(features)
         self._prepare_tables(matrix, parameters, moments is None)
-        self._features[: self._n_vertices] = features
         if moments is not None:
             for normalised, (mean, over_deviation), gamma in zip(self._normalised, moments, parameters[2::4], strict=True):
                 normalised.copy_(torch.stack([mean, gamma.detach() * over_deviation, over_deviation]))
@@ -188,7 +186,13 @@ class FusedStack:
         self._to_pack = {order: self._weights_to_pack(order) for order in (PLAIN, TRANSPOSED)}
 
     def take(self, features: Tensor) -> None:
-        """Take the features, (V, in), of which a table begins."""
+        """Take the features, (V, in), of which a table begins.
+
+        Raises:
+            ValueError: when they have another size than the layers were made for.
+        """
+        if features.shape != (self._n_vertices, self._sizes[0][0]):
+            raise ValueError(f"The layers were made for {self._n_vertices} vertices with {self._sizes[0][0]} features.")
         self._features[: self._n_vertices] = features
 
     def table(self) -> PhaseTable:

@@ -32,11 +32,16 @@ class PhaseTable:
         self._phases: list[list[int]] = []
         self._later: dict[str, list[tuple[int, int, int]]] = defaultdict(list)
         self._kept: list[object] = []
-        self._unplaced: set[str] = set()
         self._table: np.ndarray | None = None
 
     def add(self, kind: int, **values: Value) -> None:
-        """Add a phase of a ``kind``, with ``values`` for some of its :data:`~dmp.compiled.fused_kernels.FIELDS`."""
+        """Add a phase of a ``kind``, with ``values`` for some of its :data:`~dmp.compiled.fused_kernels.FIELDS`.
+
+        Raises:
+            ValueError: after :meth:`place`.
+        """
+        if self._table is not None:
+            raise ValueError("The table has its addresses already.")
         phase = [0] * len(kernels.FIELDS)
         phase[_PLACES["kind"]] = kind
         for name, value in values.items():
@@ -51,22 +56,23 @@ class PhaseTable:
         self._kept += owners
 
     def place(self, **addresses: int) -> None:
-        """Write ``addresses`` for what is called by these names; they stay until they are written anew."""
+        """Write ``addresses`` for what is called by these names: all of them, and they stay until they are written anew.
+
+        Raises:
+            KeyError: when one is missing.
+        """
         if self._table is None:
             self._table = np.array(self._phases, dtype=np.int64)
-            self._unplaced = set(self._later)
             self._where = {name: np.array(places, dtype=np.int64).T for name, places in self._later.items()}
         for name, (phases, slots, offsets) in self._where.items():
-            if name in addresses:
-                self._table[phases, slots] = addresses[name] + offsets
-                self._unplaced.discard(name)
+            self._table[phases, slots] = addresses[name] + offsets
 
     def run(self) -> None:
         """Do all phases.
 
         Raises:
-            ValueError: when an address has not been placed.
+            ValueError: before :meth:`place`.
         """
-        if self._table is None or self._unplaced:
-            raise ValueError(f"Nobody has said where {', '.join(sorted(self._later))} are.")
+        if self._table is None:
+            raise ValueError("Nobody has said where things are.")
         launch_parts(kernels.run_phases, len(self._table), self.parts, self._table.ctypes.data)

@@ -19,7 +19,7 @@ def outputs_wanted_again(input_channels: int, widths: Sequence[int]) -> list[boo
 def bytes_per_vertex(
     input_channels: int, widths: Sequence[int], *, value_bytes: int = 4, keep_outputs: bool = True, fused: bool = False
 ) -> int:
-    """Return what :class:`dmp.layers.stack_buffers.StackBuffers` takes for each vertex, but for sums of blocks.
+    """Return what :class:`dmp.layers.stack_buffers.StackBuffers` takes for each vertex, beside sums of blocks and room for one.
 
     Args:
         input_channels: channels of the features.

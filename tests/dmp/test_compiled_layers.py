@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from dmp.compiled import launching, stack_passes
-from dmp.compiled.blocked_matrix import BlockedMatrix
+from dmp.compiled.blocked_matrix import LEAST_ROWS, BlockedMatrix, equal_blocks
 from dmp.compiled.layer_steps import Normalised
 from dmp.compiled.packed_weights import packing_for
 from dmp.compiled.stack_passes import StackPasses
@@ -315,3 +315,14 @@ def test_without_threads_to_share_the_results_are_the_same(monkeypatch: pytest.M
     torch.set_num_threads(before)
     assert calls
     assert all(torch.equal(shared[name], tensor) for name, tensor in alone.items())
+
+
+def test_blocks_are_nearly_full_and_as_many_for_each_of_two_or_four_threads() -> None:
+    for n_vertices in [*range(1, 3000), *range(3000, 100_000, 37)]:
+        rows = equal_blocks(n_vertices)
+        assert LEAST_ROWS <= rows <= ROWS
+        blocks = -(-n_vertices // rows)
+        # What the memory of the layers has room for.
+        assert blocks * rows < n_vertices + ROWS and blocks <= n_vertices // LEAST_ROWS + 1
+    shares = [-(-n // equal_blocks(n)) for n in (5_002, 7_500, 10_443, 15_002)]
+    assert shares == [40, 60, 84, 120]

@@ -116,7 +116,7 @@ def test_a_training_and_its_command_are_refused_before_they_begin(
 
 def test_bfloat16_is_taken_by_itself_only_where_it_wins(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(devices, "has_fast_bfloat16", lambda: True)
-    taken = [devices.type_between_layers("auto", widest, size) for widest, size in ((512, 100), (128, 9_000), (128, 11_000))]
+    taken = [devices.type_between_layers("auto", widest, size) for widest, size in ((512, 100), (128, 14_000), (128, 16_000))]
     assert taken == [torch.bfloat16, torch.float32, torch.bfloat16]
     assert devices.type_between_layers("auto", 64, 10**6) == torch.float32
     assert devices.type_between_layers("bfloat16", 64, 100) == torch.bfloat16

@@ -15,6 +15,7 @@ from dmp import deep_mesh_prior, memory_needs
 from dmp.benchmark.meshes import noisy_torus
 from dmp.commands.options import DenoiseSettings
 from dmp.commands.restoring import denoise
+from dmp.deep_mesh_prior import DeepMeshPrior
 from dmp.errors import SettingsError, TrainingError
 from dmp.memory_needs import check_memory, least_memory, memory_needed, memory_needed_in_patches, patch_vertices_for
 from dmp.mesh import TriangleMesh
@@ -138,6 +139,9 @@ def test_a_training_in_patches_follows_the_one_on_the_whole_mesh(
     half = second.steps()
     for _ in range(11):
         next(half)
+    # No memory for the whole mesh.
+    assert isinstance(second, DeepMeshPrior)
+    assert second._patched is not None and second._buffers is None and second._whole_step is None
     # Also where there is more memory by now.
     monkeypatch.setattr(deep_mesh_prior, "patch_vertices_for", lambda *_: 0)
     resumed = training_for(problem, settings)
