@@ -11,19 +11,22 @@ import torch
 _COPIED_VALUES = 1 << 25
 
 
-def matrix_products(n_vertices: int, sizes: Sequence[int], dtype: torch.dtype = torch.float32) -> Callable[[], None]:
+def matrix_products(
+    n_vertices: int, sizes: Sequence[int], dtype: torch.dtype = torch.float32, device: torch.device | None = None
+) -> Callable[[], None]:
     """Return what runs the dense products of one step: forward X W, backward G W^T and X^T G of each layer.
 
     Args:
         n_vertices: V, rows of X (V, in) and G (V, out).
         sizes: channels of the features and of the output of each layer.
         dtype: of all factors.
+        device: where they lie; the processor's memory by default.
     """
     widest = max(sizes)
-    inputs = torch.randn(n_vertices * widest).to(dtype)
-    gradients = torch.randn(n_vertices * widest).to(dtype)
-    results = torch.empty(n_vertices * widest, dtype=dtype)
-    weights = [torch.randn(i, o).to(dtype) for i, o in pairwise(sizes)]
+    inputs = torch.randn(n_vertices * widest).to(device, dtype)
+    gradients = torch.randn(n_vertices * widest).to(device, dtype)
+    results = torch.empty_like(inputs)
+    weights = [torch.randn(i, o).to(device, dtype) for i, o in pairwise(sizes)]
     places = [torch.empty_like(weight) for weight in weights]
 
     def run() -> None:
@@ -48,7 +51,7 @@ def least_traffic(n_vertices: int, sizes: Sequence[int], value_bytes: int = 4) -
     return n_vertices * values * value_bytes
 
 
-def copying() -> tuple[Callable[[], object], int]:
-    """Return what copies a large array, and the bytes that this moves."""
-    source, target = torch.zeros(_COPIED_VALUES), torch.zeros(_COPIED_VALUES)
+def copying(device: torch.device | None = None) -> tuple[Callable[[], object], int]:
+    """Return what copies a large array, in the processor's memory by default, and the bytes that this moves."""
+    source, target = (torch.zeros(_COPIED_VALUES, device=device) for _ in range(2))
     return lambda: target.copy_(source), 2 * 4 * _COPIED_VALUES

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from dmp.devices import choose_device
 from dmp.errors import SettingsError
 from dmp.network import LAYOUTS
 from dmp.operators import normalised_adjacency, to_torch
@@ -54,7 +55,8 @@ def peer_steps(problem: Problem, settings: Settings) -> dict[str, Callable[[], T
     sizes = (settings.input_channels, *layout.widths)
     edges = torch.from_numpy(unique_edges(mesh.faces).T.copy())
     edge_index = torch.cat([edges, edges.flip(0)], dim=1)
-    matrix = to_torch(normalised_adjacency(mesh.faces, mesh.n_vertices))
+    device = choose_device(settings.device)
+    edge_index, matrix = edge_index.to(device), to_torch(normalised_adjacency(mesh.faces, mesh.n_vertices), device)
     return {
         EDGE_INDEX: _peer_step(_PeerNetwork(GCNConv, sizes, layout.hidden), edge_index, edge_index, problem, settings),
         SPARSE: _peer_step(_PeerNetwork(GCNConv, sizes, layout.hidden, normalize=False), matrix, edge_index, problem, settings),
@@ -65,11 +67,13 @@ def _peer_step(
     model: nn.Module, graph: Tensor, edge_index: Tensor, problem: Problem, settings: Settings
 ) -> Callable[[], Tensor]:
     n_vertices = problem.mesh.n_vertices
+    device = edge_index.device
+    model.to(device)
     optimiser = torch.optim.Adam(model.parameters(), lr=settings.learning_rate)
     valence = torch.bincount(edge_index[1], minlength=n_vertices).clamp_min(1)[:, None]
-    base = torch.from_numpy(problem.to_training_units(problem.base)).float()
-    target = torch.from_numpy(problem.to_training_units(problem.target)).float()
-    features = torch.randn(n_vertices, settings.input_channels)
+    base = torch.from_numpy(problem.to_training_units(problem.base)).to(device, torch.float32)
+    target = torch.from_numpy(problem.to_training_units(problem.target)).to(device, torch.float32)
+    features = torch.randn(n_vertices, settings.input_channels).to(device)
 
     def step() -> Tensor:
         output = base + model(features, graph)

@@ -1,4 +1,4 @@
-"""Settings under which steps are timed: on the processor, without records between."""
+"""Settings under which steps are timed: without records between."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _NEVER = 10**6
 
 
 def for_timing(preset: str, threads: int, **overrides: Any) -> Settings:
-    """Return the settings of a preset of denoising for timing, in float32 unless ``overrides`` say otherwise.
+    """Return the settings of a preset of denoising for timing: float32 on the processor, but for ``overrides``.
 
     Args:
         preset: its name.

@@ -28,6 +28,7 @@ def benchmark(
     ] = None,
     rounds: Annotated[int, Parameter(help="Steps of each contestant that count; they take turns.")] = 5,
     threads: Annotated[int, Parameter(help="Processor threads; 0 for all.")] = 0,
+    device: Annotated[str, Parameter(help="Where to compute: cpu, cuda or cuda:N.")] = "cpu",
     rivals: Annotated[bool, Parameter(help="Let torch_geometric take part.", negative="--no-rivals")] = True,
     memory: Annotated[bool, Parameter(help="Measure the peak memory of each preset too, in processes of their own.")] = False,
     profile: Annotated[bool, Parameter(help="Say where a step's time goes, part by part.")] = False,
@@ -49,11 +50,13 @@ def benchmark(
             raise SettingsError(f"--presets is '{preset}', but must be one or more of: {', '.join(_PRESETS)}.")
     if rounds < 1 or min(sizes or (100,)) < 100:
         raise SettingsError("--rounds must be at least 1, and each of --sizes at least 100 vertices.")
+    if device != "cpu" and (memory or profile):
+        raise SettingsError("--memory and --profile look at the processor. Leave them out, or leave out --device.")
     meshes = [load(mesh, quiet=json)] if mesh else [noisy_torus(size) for size in sizes or (5_000, 20_000)]
     found: list[dict[str, Any]] = []
     for timed in meshes:
         for preset in presets or ("compact", "paper"):
-            values = time_steps(timed, preset, rounds=rounds, threads=threads, rivals=rivals)
+            values = time_steps(timed, preset, rounds=rounds, threads=threads, rivals=rivals, device=device)
             if profile:
                 values["profile"] = profile_step(timed, preset, rounds=rounds, threads=threads)
             if memory:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -81,6 +82,34 @@ def test_all_take_turns_and_the_first_round_does_not_count() -> None:
     assert all(timing.seconds > 0 for timing in timings.values())
 
 
+def test_what_a_contestant_has_begun_counts_until_it_is_done() -> None:
+    order: list[str] = []
+
+    def finish() -> None:
+        order.append("finish")
+        time.sleep(0.02)
+
+    timings = take_turns({"a": lambda: order.append("a")}, rounds=2, warm_up=3, finish=finish)
+    assert order == ["a", "finish"] * 5
+    assert timings["a"].seconds >= 0.02
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="there is no GPU here, or torch cannot use it")
+def test_a_small_benchmark_on_a_gpu_reports_everyone() -> None:
+    values = time_steps(noisy_torus(200), "compact", rounds=2, device="cuda")
+    assert {"dmp, float32", "dmp, TF32", "torch_geometric, edge_index", "matrix products alone, TF32"} <= values[
+        "seconds"
+    ].keys()
+    assert values["ratios"]["dmp, TF32"] == pytest.approx(values["seconds"]["dmp, float32"] / values["seconds"]["dmp, TF32"])
+    assert "cuda" in steps_text(values)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_a_device_that_is_not_there_is_told() -> None:
+    with pytest.raises(SettingsError, match="CUDA"):
+        time_steps(noisy_torus(200), "compact", rounds=1, device="cuda")
+
+
 def test_a_small_benchmark_reports_everyone() -> None:
     values = time_steps(noisy_torus(200), "compact", rounds=1, threads=1)
     assert {"dmp, float32", "torch_geometric, edge_index", "matrix products alone, float32"} <= values["seconds"].keys()
@@ -135,3 +164,5 @@ def test_the_command_prints_json_and_refuses_what_it_does_not_know(capsys: pytes
         benchmark(presets=["fastest"])
     with pytest.raises(SettingsError, match="--rounds"):
         benchmark(rounds=0)
+    with pytest.raises(SettingsError, match="leave out --device"):
+        benchmark(device="cuda", profile=True)

@@ -255,7 +255,7 @@ def test_an_interruption_within_a_step_keeps_the_last_checkpoint(make_run: MakeR
     def interrupted() -> None:
         raise KeyboardInterrupt
 
-    training._apply_gradients = interrupted
+    training._update_average = interrupted
     with pytest.raises(KeyboardInterrupt):
         next(records)
     opened = Run.open(run.folder)

@@ -27,7 +27,7 @@ from tests.dmp.batch.conftest import make_scans
 
 SHORT = settings_for("denoise", steps=12, snapshot_every=4, log_every=2, threads=1, width_divisor=32)
 # Long enough to be hit while it is under way: a second or more.
-LONG = settings_for("denoise", steps=300, snapshot_every=20, log_every=10, threads=1, width_divisor=16)
+LONG = settings_for("denoise", steps=1800, snapshot_every=60, log_every=20, threads=1, width_divisor=16)
 
 
 @pytest.fixture(autouse=True)
@@ -133,7 +133,7 @@ def test_a_killed_worker_costs_a_retry_that_is_named(cluster: Any, scans: Path, 
     counted = run_batch(jobs, tmp_path / "out", place_of(cluster), watcher=Watcher(told=kill))
     assert len(killed) == len(counted.retries) == 1
     outcome = assert_same(jobs[0], tmp_path / "out", long_run)
-    assert outcome.resumed_from >= 20
+    assert outcome.resumed_from >= 60
     assert "was lost" in outcome.retries[0]
     write_summary(jobs, tmp_path / "out")
     assert "## Retries" in (tmp_path / "out" / "summary.md").read_text()
