@@ -121,7 +121,7 @@ def test_pause_resume_and_stop_act_over_there(server: tuple[int, Path], tmp_path
 
 
 def test_a_broken_connection_leaves_the_training_alone(server: tuple[int, Path], cable: Cable, tmp_path: Path) -> None:
-    training = remote(tmp_path / "copy", settings(steps=200), cable.port)
+    training = remote(tmp_path / "copy", settings(steps=1000), cable.port)
     training.begin()
     with closing(training.records()) as records:  # type: ignore[type-var]
         watch_until(records, lambda item: item.step >= 20)
@@ -131,7 +131,7 @@ def test_a_broken_connection_leaves_the_training_alone(server: tuple[int, Path],
         for _ in records:
             pass
     assert any("is there again" in text for text in training.warnings)
-    direct = make_run(tmp_path / "direct", settings(steps=200))
+    direct = make_run(tmp_path / "direct", settings(steps=1000))
     for _ in record(direct.resume(), direct):
         pass
     assert_same(Run.open(tmp_path / "copy"), direct)
@@ -161,7 +161,7 @@ def test_a_worker_that_does_not_answer_is_told_of_and_started_anew(
 ) -> None:
     monkeypatch.setattr(remote_module, "_ANSWER_SECONDS", 1.0)
     monkeypatch.setattr(remote_module, "_STALL_SECONDS", 2.0)
-    training = remote(tmp_path / "copy", settings(steps=300), server[0])
+    training = remote(tmp_path / "copy", settings(steps=1500), server[0])
     training.begin()
     halted = 0
     with closing(training.records()) as records:  # type: ignore[type-var]
@@ -176,7 +176,7 @@ def test_a_worker_that_does_not_answer_is_told_of_and_started_anew(
             with suppress(ProcessLookupError):
                 os.kill(halted, signal.SIGKILL)
     assert any("is replaced, and the training goes on" in text for text in training.warnings)
-    direct = make_run(tmp_path / "direct", settings(steps=300))
+    direct = make_run(tmp_path / "direct", settings(steps=1500))
     for _ in record(direct.resume(), direct):
         pass
     assert_same(Run.open(tmp_path / "copy"), direct)
