@@ -6,6 +6,7 @@ vertices with two threads, most of it on one of them, because what they need has
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from dmp.compiled.fused_stack import FusedStack
 from dmp.compiled.parameter_rows import PIECE_WORDS
 from dmp.compiled.phase_table import PhaseTable, Value
 from dmp.compiled.phases import FIRST_ARGUMENT
+from dmp.compiled.team import Team
 from dmp.compiled_losses import CompiledLosses
 from dmp.layers.stack_buffers import StackBuffers
 
@@ -110,7 +112,9 @@ class WholeStep:
         self._stack.take(self._trained.features)
         self._settings[0] = self._optimiser.param_groups[0]["lr"]
         self._optimiser.count(1)
-        self._table.run()
+        seconds, processor_seconds = time.perf_counter(), time.process_time()
+        self._table.run(self._team.size)
+        self._team.took(time.perf_counter() - seconds, time.process_time() - processor_seconds)
         self.is_finite = not self._flags.any()
         if not (self.is_finite and np.isfinite(self._found[0].item())):
             self._optimiser.count(-1)
@@ -151,7 +155,7 @@ class WholeStep:
         flags = np.zeros(table.parts, dtype=np.int32)
         self._add_update(table, flags)
         table.place(of_weights=self._gradients.data_ptr(), of_moments=self._gradients[-2 * stack.n_channels :].data_ptr())
-        self._table, self._threads, self._flags = table, threads, flags
+        self._table, self._threads, self._flags, self._team = table, threads, flags, Team(table.parts)
 
     def _values_of_ends(self, table: PhaseTable) -> dict[str, Value]:
         """Return what belongs to the linear layers."""

@@ -67,12 +67,12 @@ class PhaseTable:
         for name, (phases, slots, offsets) in self._where.items():
             self._table[phases, slots] = addresses[name] + offsets
 
-    def run(self) -> None:
-        """Do all phases.
+    def run(self, threads: int | None = None) -> None:
+        """Do all phases, on all threads of torch or so many of them, which changes no digit.
 
         Raises:
             ValueError: before :meth:`place`.
         """
         if self._table is None:
             raise ValueError("Nobody has said where things are.")
-        launch_parts(kernels.run_phases, len(self._table), self.parts, self._table.ctypes.data)
+        launch_parts(kernels.run_phases, len(self._table), self.parts, self._table.ctypes.data, threads=threads)

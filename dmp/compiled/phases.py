@@ -40,9 +40,9 @@ def launch_phases(kernel: Kernel, phases: int, size: int, *arguments: int) -> No
     launch_parts(kernel, phases, parts, *arguments)
 
 
-def launch_parts(kernel: Kernel, phases: int, parts: int, *arguments: int) -> None:
-    """Run a kernel of so many phases, each divided into so many ``parts``."""
-    launch(kernel, (0, phases, _give_way_at, *arguments), parts)
+def launch_parts(kernel: Kernel, phases: int, parts: int, *arguments: int, threads: int | None = None) -> None:
+    """Run a kernel of so many phases, each divided into so many ``parts``, on all threads of torch or so many of them."""
+    launch(kernel, (0, phases, _give_way_at, *arguments), parts, threads)
 
 
 @row_function
