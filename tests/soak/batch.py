@@ -44,7 +44,7 @@ MOST_KILLS = 10**9
 # One of the other faults for so many jobs.
 JOBS_FOR_A_FAULT = 10
 _NAME = "batch jobs with killed workers, and other faults of clusters"
-STEPS, _LONG_STEPS = 1500, 3000
+STEPS, _LONG_STEPS = 6000, 12000
 # A mesh of 65,538 vertices needs more than a gigabyte; torch alone has 400 MB.
 _LARGE, _LITTLE_MEMORY = 7, 700 * 2**20
 
