@@ -25,7 +25,6 @@ class FusedStack:
     """Layers in float32, with memory of their own beside what they are given.
 
     Attributes:
-        block_rows: rows of a block.
         n_weights: values of all weights.
         n_channels: output channels of all layers together.
         widest: the most channels.
@@ -72,6 +71,11 @@ class FusedStack:
         part._n_vertices, part._mixed, part._gathered = len(mixed[0]), mixed, gathered
         part._forget()
         return part
+
+    @property
+    def block_rows(self) -> int:
+        """Rows of a block."""
+        return equal_blocks(self._n_vertices)
 
     def forward(
         self,
@@ -144,7 +148,6 @@ class FusedStack:
     # -- tables ---------------------------------------------------------------------------------------------------
 
     def _forget(self) -> None:
-        self.block_rows = equal_blocks(self._n_vertices)
         self._key: object = None
         self._matrix: BlockedMatrix | None = None
         self._forward_table: PhaseTable | None = None
